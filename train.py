@@ -1,0 +1,6 @@
+"""Make a film from a sentence: ``python train.py prompt="a rubber burger falling"``."""
+
+from diffuphy.cli import main
+
+if __name__ == "__main__":
+    main()
