@@ -1,0 +1,196 @@
+"""Text to Gaussians: score distillation of a prior into 3D Gaussians, seen from cameras all round."""
+
+import logging
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal
+
+import torch
+from torch import Tensor
+
+from diffuphy.losses import Constant, Exponential, Linear, Schedule, sds
+from diffuphy.losses.guidance import Guidance
+from diffuphy.losses.sds import Weight
+from diffuphy.render import Warp, render_gaussians
+from diffuphy.text2gs.cameras import Orbits, orbit
+from diffuphy.text2gs.densify import AdaptiveSplitting
+from diffuphy.text2gs.init import Ball, SurfaceCloud
+from diffuphy.text2gs.params import LearningRates, Parameters, clean
+from diffuphy.types import N_SH, Camera, Gaussians, Look
+from diffuphy.workspace import Workspace
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class FitGaussians:
+    """Gaussians whose pictures the guidance finds likely: E_{camera, t, ε}[w(t)(ε̂ − ε) ∂z/∂θ] = 0 (DiffuPhyGS, eqs. 2 and 4)."""
+
+    VERSION: ClassVar[int] = 1
+
+    guidance: Guidance
+    """The prior; its layout must be "image" or "views"."""
+    cameras: Orbits = Orbits()
+    """Bank of cameras to draw from, and their picture size."""
+    init: SurfaceCloud | Ball = SurfaceCloud()
+    """What to start from."""
+    densify: AdaptiveSplitting | None = AdaptiveSplitting()
+    """When and where to add Gaussians; None keeps their number."""
+    rates: LearningRates = LearningRates()
+    """Step sizes at the start."""
+    decay: Schedule = Exponential(1.0, 0.1)
+    """Factor on all step sizes over the run."""
+    steps: int = 1200
+    """Optimiser steps."""
+    views: int = 1
+    """Cameras a step: at an equal number of views, more steps with fewer views win (1: 31.0, 4: 28.8, 8: 26.5 dB)."""
+    t_min: Schedule = Constant(0.02)
+    """Lower end of the diffusion times drawn."""
+    t_max: Schedule = Linear(0.98, 0.25, 0.7)
+    """Upper end: large times settle which object it is, small ones its details (+0.3 dB against no annealing)."""
+    weight: Weight = "sigma2"
+    """w(t) of the estimator."""
+    background: Literal["random", "white"] = "random"
+    """Colour behind the object: white and a random colour in turn by chance, which no transparent haze can match; or white."""
+    sh_degree: int = 0
+    """Degree of spherical harmonics, 0 to 3. 0: colour does not depend on the view, and nothing need turn with the material."""
+    max_scale: float = 0.15
+    """Longest axis of a Gaussian (1 σ) [object units]."""
+    max_ratio: float = 8.0
+    """Longest over shortest axis of a Gaussian."""
+    min_opacity: float = 0.1
+    """Gaussians more transparent than this are haze and go at the end."""
+    isolation: float = 4.0
+    """At the end, a Gaussian farther from its neighbours than this many times its size plus their spacing goes too."""
+    preview_every: int = field(default=50, metadata={"runtime": True})
+    """Steps between preview pictures and metrics."""
+    backend: Any = field(default_factory=Warp, metadata={"runtime": True})
+    """Rasteriser."""
+    device: str = field(default="cpu", metadata={"runtime": True})
+    """Where to compute."""
+    seed: int = 0
+    """Of everything random: start, cameras, backgrounds, times, noise, children."""
+
+    def __post_init__(self) -> None:
+        if self.guidance.layout not in ("image", "views"):
+            raise ValueError(f"FitGaussians renders pictures; guidance of layout {self.guidance.layout!r} cannot judge them")
+        if self.sh_degree not in N_SH:
+            raise ValueError(f"sh_degree must be 0, 1, 2 or 3, got {self.sh_degree}")
+        if self.steps < 1 or not 1 <= self.views <= self.cameras.bank:
+            raise ValueError(f"steps must be ≥ 1 and views in [1, {self.cameras.bank}], got {self.steps} and {self.views}")
+
+    def __call__(self, look: Look, *, work: Workspace | None = None) -> Gaussians:
+        """Fit Gaussians to ``look``. Interrupted and called again with the same workspace, it gives the same bits."""
+        work = work or Workspace()
+        run = _Run.restored(work.load(), self.device) or _Run.started(self, look)
+        bank = self.cameras().to(self.device)
+        bar = work.bar(self.steps, "gaussians", initial=run.step)
+
+        while run.step < self.steps:
+            step = run.step
+            params, g = run.params, run.generator
+            if step % self.preview_every == 0:
+                self._preview(work, run)
+
+            camera = bank[run.next_views(self.views, len(bank))]
+            background = self._background(g)
+            picture = render_gaussians(params.gaussians(), camera, background=background, backend=self.backend).rgb
+            cond = self.guidance.condition(look, camera, background, generator=g)
+            t = self._times(step, g)
+            loss = sds(self.guidance, picture, cond, t=t, generator=g, weight=self.weight)
+            loss.backward()
+
+            run.observe()
+            params.step(self.rates, self.decay(step, self.steps))
+            params.project(max_scale=self.max_scale, max_ratio=self.max_ratio)
+            run.step += 1
+            if self.densify is not None and self.densify.due(run.step, self.steps):
+                counts = self.densify(params, run.mean_gradient(), g)
+                run.forget_gradients()
+                work.log(run.step, event="densify", **counts)
+            if step % self.preview_every == 0:
+                work.log(run.step, sds=loss.item(), gaussians=len(params), t_max=self.t_max(step, self.steps))
+            bar.update()
+            if work.due():
+                work.save(run.state())
+        bar.close()
+
+        self._preview(work, run)
+        gaussians, removed = clean(
+            run.params.gaussians(), min_opacity=self.min_opacity, radius=1.7, isolation=self.isolation
+        )
+        work.log(run.step, event="clean", gaussians=len(gaussians), **removed)
+        log.info("%d Gaussians after %d steps; removed %s", len(gaussians), self.steps, removed)
+        return gaussians
+
+    # ------------------------------------------------------------------ what is drawn at random
+    def _background(self, g: torch.Generator) -> Tensor:
+        colour, chance = torch.rand(3, generator=g), torch.rand((), generator=g)
+        return (colour if self.background == "random" and chance < 0.5 else torch.ones(3)).to(self.device)
+
+    def _times(self, step: int, g: torch.Generator) -> Tensor:
+        """Diffusion times, uniform between the two schedules: one for all views when they are judged together."""
+        lo, hi = self.t_min(step, self.steps), self.t_max(step, self.steps)
+        count = 1 if self.guidance.layout == "views" else self.views
+        return (lo + (hi - lo) * torch.rand(count, generator=g)).expand(self.views).to(self.device)
+
+    @torch.no_grad()
+    def _preview(self, work: Workspace, run: "_Run") -> None:
+        if work.directory is None:
+            return
+        angles = torch.tensor([[30.0, 15.0], [120.0, 35.0], [250.0, 5.0]]).deg2rad()
+        camera = orbit(angles[:, 0], angles[:, 1], distance=self.cameras.distance, fov=self.cameras.fov, size=128).to(self.device)
+        white = torch.ones(3, device=self.device)
+        rgb = render_gaussians(run.params.gaussians(), camera, background=white, backend=self.backend).rgb
+        work.image(f"gaussians-{run.step:05d}", torch.cat(list(rgb), 1))
+
+
+class _Run:
+    """Everything that changes while the loop runs; what it holds is what a checkpoint holds."""
+
+    def __init__(self, params: Parameters, generator: torch.Generator):
+        self.params, self.generator, self.step = params, generator, 0
+        self.order = torch.empty(0, dtype=torch.int64)
+        self.forget_gradients()
+
+    @classmethod
+    def started(cls, fit: FitGaussians, look: Look) -> "_Run":
+        g = torch.Generator().manual_seed(fit.seed)
+        return cls(Parameters(fit.init(look, fit.guidance, g, fit.sh_degree).to(fit.device)), g)
+
+    @classmethod
+    def restored(cls, state: dict[str, Any] | None, device: str) -> "_Run | None":
+        if state is None:
+            return None
+        self = cls(Parameters.restored(state["params"], device), torch.Generator())
+        self.generator.set_state(state["generator"])
+        self.step, self.order = state["step"], state["order"]
+        self.gradient, self.seen = state["gradient"].to(device), state["seen"]
+        return self
+
+    def state(self) -> dict[str, Any]:
+        return {
+            "step": self.step,
+            "params": self.params.state(),
+            "generator": self.generator.get_state(),
+            "order": self.order,
+            "gradient": self.gradient,
+            "seen": self.seen,
+        }
+
+    def next_views(self, views: int, bank: int) -> Tensor:
+        """Indices of the next cameras: a shuffled bank, dealt out until too few are left."""
+        if len(self.order) < views:
+            self.order = torch.randperm(bank, generator=self.generator)
+        drawn, self.order = self.order[:views], self.order[views:]
+        return drawn
+
+    def observe(self) -> None:
+        """Add ‖∂L/∂mean_i‖ of this step to the account that densification looks at."""
+        self.gradient += self.params.values["means"].grad.norm(dim=1)
+        self.seen += 1
+
+    def mean_gradient(self) -> Tensor:
+        return self.gradient / max(1, self.seen)
+
+    def forget_gradients(self) -> None:
+        self.gradient, self.seen = torch.zeros(len(self.params), device=self.params.age.device), 0
