@@ -2,7 +2,22 @@
 
 from diffuphy.render.cameras import intrinsics, look_at, orbit
 from diffuphy.render.draw import rasterize, render_gaussians
+from diffuphy.render.gsplat import Gsplat
 from diffuphy.render.image import Image, Rasteriser
+from diffuphy.render.project import Dense
 from diffuphy.render.raster import Warp
+from diffuphy.render.skin import Skin
 
-__all__ = ["Image", "Rasteriser", "Warp", "intrinsics", "look_at", "orbit", "rasterize", "render_gaussians"]
+__all__ = [
+    "Dense",
+    "Gsplat",
+    "Image",
+    "Rasteriser",
+    "Skin",
+    "Warp",
+    "intrinsics",
+    "look_at",
+    "orbit",
+    "rasterize",
+    "render_gaussians",
+]

@@ -90,7 +90,7 @@ def _vectors(real: type) -> SimpleNamespace:
 def _spread_launch(kernel: wp.Kernel, dim: tuple[int, ...], axis: int, inputs: list, device: torch.device, threads: int) -> None:
     """Launch ``kernel`` over ``dim``, on the CPU cut along ``axis`` into one launch a thread; the first argument is the start."""
     wp_device = wp.device_from_torch(device)
-    kernel.module.load(wp_device)  # before the threads, which must not compile it twice
+    kernel.module.load(wp_device, 256 if wp_device.is_cuda else 1)  # before the threads, which must not compile it twice
 
     def launch(start: int, length: int) -> None:
         part = (*dim[:axis], length, *dim[axis + 1 :])
