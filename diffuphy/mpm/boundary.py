@@ -1,0 +1,247 @@
+"""Walls that act on the grid: half-spaces and balls; sticky, slipping or separating, with Coulomb friction, still or moving.
+
+A node i with signed distance φ(x_i) ≤ −reach·Δx to the surface belongs to the wall. With the velocity relative to the wall
+u = v_i − V, u_n = u·n and u_t = u − u_n n (n points out of the wall, into the material):
+
+    sticky      u ← 0
+    slip        u ← u_t                                          always (bilateral)
+    separate    u ← u_t max(0, 1 − μ |u_n| / |u_t|)  if u_n < 0, else unchanged
+
+The last line is Coulomb's law for the impulse: the normal impulse m |u_n| allows a tangential one of at most μ m |u_n|.
+``docs/boundaries.md`` says where the wall lies relative to the nodes.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from types import SimpleNamespace
+from typing import Literal
+
+import numpy as np
+import warp as wp
+
+from diffuphy.mpm.grid import Grid
+
+Kind = Literal["sticky", "slip", "separate"]
+Vec = tuple[float, float, float]
+
+N_WALL = 9
+"""Numbers that describe a wall to a kernel: normal or centre (3), offset or radius, velocity (3), friction, 1 while it acts."""
+
+
+def _vector(name: str, value: Sequence[float]) -> Vec:
+    if len(value) != 3 or not all(math.isfinite(c) for c in value):
+        raise ValueError(f"{name} must be three finite numbers, got {tuple(value)}")
+    return (float(value[0]), float(value[1]), float(value[2]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Wall:
+    """What every wall has."""
+
+    kind: Kind = "separate"
+    """"sticky" holds, "slip" holds the normal direction only, "separate" pushes but never pulls."""
+    friction: float = 0.0
+    """Coulomb coefficient μ [-] of a separating wall."""
+    velocity: Vec = (0.0, 0.0, 0.0)
+    """Velocity of the wall [m/s]; it moves with it while it acts."""
+    start: float = 0.0
+    """Time at which the wall appears, at the place its other fields say [s]."""
+    end: float = math.inf
+    """Time at which it vanishes [s]."""
+    reach: float = 1.0
+    """How far behind the surface the first governed node lies [Δx]. A quadratic kernel feels a node from 1.5 Δx away, so a body that
+    arrives stops about that far from it; 1 puts its visible surface on the wall. Use 0 for a body seeded with its face on a node plane."""
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("sticky", "slip", "separate"):
+            raise ValueError(f"kind must be 'sticky', 'slip' or 'separate', got {self.kind!r}")
+        if not 0.0 <= self.friction < math.inf:
+            raise ValueError(f"friction must be finite and not negative, got {self.friction}")
+        if self.friction > 0 and self.kind != "separate":
+            raise ValueError(f"friction = {self.friction} needs kind='separate', got {self.kind!r}: a sticky wall holds anyway, a slip wall has none")
+        if not self.start < self.end:
+            raise ValueError(f"a wall needs start < end, got start = {self.start}, end = {self.end} s")
+        if not self.reach >= 0.0:
+            raise ValueError(f"reach must not be negative, got {self.reach} dx")
+        object.__setattr__(self, "velocity", _vector("velocity", self.velocity))
+
+    @property
+    def speed(self) -> float:
+        """|V| [m/s]."""
+        return math.hypot(*self.velocity)
+
+    @property
+    def still(self) -> bool:
+        """True when nothing about the wall depends on time."""
+        return self.speed == 0.0 and self.start <= 0.0 and self.end == math.inf
+
+
+@dataclass(frozen=True, kw_only=True)
+class HalfSpace(_Wall):
+    """Everything on the far side of a plane: a floor, an incline, a press.  φ(x) = (x − point)·normal."""
+
+    point: Vec = (0.0, 0.0, 0.0)
+    """A point of the plane [m]."""
+    normal: Vec = (0.0, 0.0, 1.0)
+    """Direction out of the wall; any length but 0."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        normal, point = _vector("normal", self.normal), _vector("point", self.point)
+        length = math.hypot(*normal)
+        if length == 0.0:
+            raise ValueError(f"normal must not be zero, got {self.normal}")
+        object.__setattr__(self, "normal", tuple(c / length for c in normal))
+        object.__setattr__(self, "point", point)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sphere(_Wall):
+    """A solid ball.  φ(x) = |x − center| − radius."""
+
+    center: Vec = field(default=(0.0, 0.0, 0.0))
+    """Centre [m] at time ``start``."""
+    radius: float = 0.1
+    """Radius [m]."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0.0 < self.radius < math.inf:
+            raise ValueError(f"radius must be positive and finite, got {self.radius} m")
+        object.__setattr__(self, "center", _vector("center", self.center))
+
+
+Boundary = HalfSpace | Sphere
+Signature = tuple[tuple[str, str, bool], ...]
+
+
+def signature(boundaries: Sequence[Boundary]) -> Signature:
+    """What is compiled into the kernels: shape, kind and whether there is friction; everything else is data."""
+    return tuple((type(b).__name__, b.kind, b.friction > 0.0) for b in boundaries)
+
+
+def rows(boundaries: Sequence[Boundary], grid: Grid, times: np.ndarray) -> np.ndarray:
+    """The walls as data, shape (steps, walls, N_WALL), lengths from the lowest node of ``grid`` [m].
+
+    Args:
+        times: start of each step [s], float64; one row suffices when every wall is still.
+    """
+    out = np.zeros((len(times), len(boundaries), N_WALL))
+    low = np.asarray(grid.origin, dtype=np.float64) * grid.dx
+    for k, b in enumerate(boundaries):
+        V = np.asarray(b.velocity)
+        place = np.asarray(b.point if isinstance(b, HalfSpace) else b.center) + (times - b.start)[:, None] * V - low
+        if isinstance(b, HalfSpace):
+            out[:, k, :3] = b.normal
+            out[:, k, 3] = place @ np.asarray(b.normal) - b.reach * grid.dx
+        else:
+            out[:, k, :3] = place
+            out[:, k, 3] = b.radius - b.reach * grid.dx
+        out[:, k, 4:7], out[:, k, 7] = V, b.friction
+        out[:, k, 8] = (times >= b.start) & (times < b.end)
+    return out
+
+
+@lru_cache
+def make_contact(walls: Signature, real: type) -> SimpleNamespace:
+    """Warp functions ``apply(v, r, row, s)`` and ``adjoint(v, r, row, s, v_bar)`` for one list of walls.
+
+    ``r`` is the node from the lowest node of the grid [m], ``row`` the wall data, ``s`` the row of this step. The adjoint is with
+    respect to the velocity before the walls; walls themselves are data.
+    """
+    vec3, wall_t = wp.types.vector(3, real), wp.types.vector(N_WALL, real)
+    K = len(walls)
+    before_t = wp.types.matrix((max(K, 1), 3), real)
+
+    @wp.func
+    def surface(ball: bool, w: wall_t, r: vec3):
+        """Normal and φ + reach·Δx; φ is taken as positive while the wall does not act."""
+        n = vec3(w[0], w[1], w[2])
+        phi = wp.dot(n, r) - w[3]
+        if ball:
+            e = r - n
+            d = wp.length(e)
+            n = vec3(real(0.0), real(0.0), real(1.0))
+            if d > real(0.0):
+                n = e / d
+            phi = d - w[3]
+        if w[8] == real(0.0):
+            phi = real(1.0)
+        return n, phi
+
+    @wp.func
+    def respond(sticky: bool, slip: bool, rough: bool, v: vec3, n: vec3, w: wall_t):
+        V = vec3(w[4], w[5], w[6])
+        if sticky:
+            return V
+        u = v - V
+        u_n = wp.dot(u, n)
+        if not slip and u_n >= real(0.0):
+            return v
+        t = u - u_n * n
+        if rough:
+            length = wp.length(t)
+            drag = -w[7] * u_n
+            if drag >= length:
+                return V
+            t = t * (real(1.0) - drag / length)
+        return V + t
+
+    @wp.func
+    def respond_adjoint(sticky: bool, slip: bool, rough: bool, v: vec3, n: vec3, w: wall_t, o_bar: vec3):
+        if sticky:
+            return vec3(real(0.0))
+        u = v - vec3(w[4], w[5], w[6])
+        u_n = wp.dot(u, n)
+        if not slip and u_n >= real(0.0):
+            return o_bar
+        if not rough:
+            return o_bar - wp.dot(o_bar, n) * n
+        # o = t (1 + μ u_n / |t|);  do = dt (1 + μ u_n/|t|) + t (μ du_n/|t| − μ u_n t·dt/|t|³)
+        t = u - u_n * n
+        length = wp.length(t)
+        mu = w[7]
+        if -mu * u_n >= length:
+            return vec3(real(0.0))
+        e = t / length
+        along = wp.dot(e, o_bar)
+        t_bar = (real(1.0) + mu * u_n / length) * o_bar - (mu * u_n / length * along) * e
+        return t_bar - wp.dot(t_bar, n) * n + (mu * along) * n
+
+    @wp.func
+    def apply(v: vec3, r: vec3, row: wp.array2d[wall_t], s: wp.int32):
+        for b in range(wp.static(K)):
+            w = row[s, b]
+            n, phi = surface(wp.static(walls[b][0] == "Sphere"), w, r)
+            if phi <= real(0.0):
+                v = respond(
+                    wp.static(walls[b][1] == "sticky"), wp.static(walls[b][1] == "slip"), wp.static(walls[b][2]), v, n, w
+                )
+        return v
+
+    @wp.func
+    def adjoint(v: vec3, r: vec3, row: wp.array2d[wall_t], s: wp.int32, v_bar: vec3):
+        before = before_t()
+        for b in range(wp.static(K)):
+            before[b] = v
+            w = row[s, b]
+            n, phi = surface(wp.static(walls[b][0] == "Sphere"), w, r)
+            if phi <= real(0.0):
+                v = respond(
+                    wp.static(walls[b][1] == "sticky"), wp.static(walls[b][1] == "slip"), wp.static(walls[b][2]), v, n, w
+                )
+        for b in range(wp.static(K)):
+            w = row[s, wp.static(K - 1 - b)]
+            n, phi = surface(wp.static(walls[K - 1 - b][0] == "Sphere"), w, r)
+            if phi <= real(0.0):
+                v_bar = respond_adjoint(
+                    wp.static(walls[K - 1 - b][1] == "sticky"),
+                    wp.static(walls[K - 1 - b][1] == "slip"),
+                    wp.static(walls[K - 1 - b][2]),
+                    before[wp.static(K - 1 - b)], n, w, v_bar,
+                )
+        return v_bar
+
+    return SimpleNamespace(apply=apply, adjoint=adjoint, wall_t=wall_t, count=K)

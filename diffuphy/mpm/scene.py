@@ -1,0 +1,147 @@
+"""What happens around an object: gravity, walls, how it starts; and the scene of each motion word."""
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from diffuphy.mpm.boundary import Boundary, HalfSpace, Sphere, Vec, _vector
+
+GRAVITY = 9.81
+"""Standard gravity, rounded [m/s²]."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The setting of a rollout. z is up, the floor of the ready-made scenes is z = 0."""
+
+    gravity: Vec = (0.0, 0.0, -GRAVITY)
+    """Acceleration [m/s²]."""
+    dx: float = 0.5 / 28
+    """Grid spacing [m]; about 2 particles fit along it."""
+    fps: float = 30.0
+    """Frames per second of physical time [1/s]; the time step inside a frame follows from the material."""
+    frames: int = 60
+    """Number of frames after the initial one; 60 at 30 fps are two seconds."""
+    velocity: Vec = (0.0, 0.0, 0.0)
+    """Initial velocity of the object [m/s]."""
+    spin: Vec = (0.0, 0.0, 0.0)
+    """Initial angular velocity about the centre of mass [rad/s]."""
+    lift: float | None = 0.0
+    """Initial height of the lowest particle [m]; None leaves the particles where they are."""
+    boundaries: tuple[Boundary, ...] = (HalfSpace(friction=0.5),)
+    """Walls; ``HalfSpace`` and ``Sphere``, at most 8."""
+    cfl: float = 0.4
+    """Δt (c + |v|) / Δx, the cells that a wave crosses in a substep [-]. Explicit steps are stable to about 0.8; half of it leaves room for
+    stiffening while a body is squeezed."""
+
+    def __post_init__(self) -> None:
+        for name in ("gravity", "velocity", "spin"):
+            object.__setattr__(self, name, _vector(name, getattr(self, name)))
+        for name in ("dx", "fps"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise ValueError(f"{name} must be positive and finite, got {getattr(self, name)}")
+        if self.frames < 1:
+            raise ValueError(f"frames must be at least 1, got {self.frames}")
+        if self.lift is not None and not math.isfinite(self.lift):
+            raise ValueError(f"lift must be finite, got {self.lift}; use None to leave the particles where they are")
+        if not 0.0 < self.cfl <= 0.8:
+            raise ValueError(f"cfl must be in (0, 0.8], got {self.cfl}: beyond 0.8 an explicit step is unstable")
+        object.__setattr__(self, "boundaries", tuple(self.boundaries))
+        if len(self.boundaries) > 8:
+            raise ValueError(f"at most 8 boundaries, got {len(self.boundaries)}")
+
+
+def _floor(friction: float) -> HalfSpace:
+    return HalfSpace(friction=friction)
+
+
+def _rest(scene: Scene, size: float, friction: float) -> Scene:
+    """On the floor, left to gravity."""
+    return dataclasses.replace(scene, lift=0.0)
+
+
+def _falling(scene: Scene, size: float, friction: float) -> Scene:
+    return dataclasses.replace(scene, lift=0.8 * size)
+
+
+def _bouncing(scene: Scene, size: float, friction: float) -> Scene:
+    return dataclasses.replace(scene, lift=1.2 * size)
+
+
+def _thrown(scene: Scene, size: float, friction: float) -> Scene:
+    """A flat throw with some spin: it lands about three lengths away."""
+    pace = math.sqrt(GRAVITY * size)
+    return dataclasses.replace(scene, lift=0.6 * size, velocity=(1.2 * pace, 0.0, 0.8 * pace), spin=(0.0, pace / size, 0.0))
+
+
+def _spinning(scene: Scene, size: float, friction: float) -> Scene:
+    """About the vertical, just above the floor: two turns a second."""
+    return dataclasses.replace(scene, lift=0.02 * size, spin=(0.0, 0.0, 4.0 * math.pi))
+
+
+def _sliding(scene: Scene, size: float, friction: float) -> Scene:
+    """Along the floor, with the speed that friction stops after two lengths: v² = 2 μ g · 2 size."""
+    return dataclasses.replace(scene, lift=0.0, velocity=(math.sqrt(4.0 * max(friction, 0.1) * GRAVITY * size), 0.0, 0.0))
+
+
+def _rolling(scene: Scene, size: float, friction: float) -> Scene:
+    """Rolling without slipping for a ball as high as the object is long: v = ω size/2."""
+    pace = math.sqrt(GRAVITY * size)
+    return dataclasses.replace(scene, lift=0.0, velocity=(pace, 0.0, 0.0), spin=(0.0, 2.0 * pace / size, 0.0))
+
+
+def _squashed(scene: Scene, size: float, friction: float) -> Scene:
+    """A plate comes down to half the height within half of the film and is gone then."""
+    half = 0.5 * scene.frames / scene.fps
+    speed = 0.5 * size / half
+    plate = HalfSpace(point=(0.0, 0.0, size), normal=(0.0, 0.0, -1.0), friction=friction, velocity=(0.0, 0.0, -speed), end=half)
+    return dataclasses.replace(scene, lift=0.0, boundaries=(*scene.boundaries, plate))
+
+
+def _poked(scene: Scene, size: float, friction: float) -> Scene:
+    """A ball pushes in from the side by a third of the object within half of the film and is gone then."""
+    half, radius = 0.5 * scene.frames / scene.fps, 0.15 * size
+    finger = Sphere(
+        center=(-0.5 * size - radius, 0.0, 0.35 * size), radius=radius, friction=friction, velocity=(size / 3.0 / half, 0.0, 0.0), end=half
+    )
+    return dataclasses.replace(scene, lift=0.0, boundaries=(*scene.boundaries, finger))
+
+
+SCENES: dict[str, Callable[[Scene, float, float], Scene]] = {
+    "falling": _falling,
+    "bouncing": _bouncing,
+    "thrown": _thrown,
+    "spinning": _spinning,
+    "sliding": _sliding,
+    "rolling": _rolling,
+    "melting": _rest,
+    "collapsing": _rest,
+    "squashed": _squashed,
+    "poked": _poked,
+}
+"""Motion word → what it changes in the scene of an object at rest: f(scene, size [m], friction) → scene."""
+
+
+def scene_for(verb: str, size: float, *, cells: int = 28, frames: int = 60, fps: float = 30.0, friction: float = 0.5, cfl: float = 0.4) -> Scene:
+    """The scene of a motion word, for an object whose longest side is ``size``.
+
+    Args:
+        verb: a key of ``SCENES``.
+        size: longest side [m].
+        cells: grid cells along it; Δx = size / cells.
+        frames, fps: length of the film and its rate.
+        friction: Coulomb coefficient of floor, plate and ball [-].
+        cfl: see ``Scene``.
+
+    Raises:
+        ValueError: an unknown verb, or a size or number of cells that makes no scene.
+    """
+    if verb not in SCENES:
+        raise ValueError(f"no scene for the motion {verb!r}; known: {', '.join(SCENES)}")
+    if not 0.0 < size < math.inf:
+        raise ValueError(f"size must be positive and finite, got {size} m")
+    if cells < 4:
+        raise ValueError(f"cells must be at least 4 along the longest side, got {cells}")
+    rest = Scene(dx=size / cells, frames=frames, fps=fps, boundaries=(_floor(friction),), cfl=cfl)
+    return SCENES[verb](rest, size, friction)

@@ -1,0 +1,303 @@
+"""One frame forward, one frame backward: the kernels in order, on buffers that belong to one solver.
+
+Several solvers may run in several threads; one solver may not. Nothing here decides a step or a block of nodes: ``rollout`` does.
+"""
+
+import contextlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import torch
+import warp as wp
+from torch import Tensor
+
+from diffuphy.mpm.adjoint import Needs, make_adjoint
+from diffuphy.mpm.boundary import Boundary, rows, signature
+from diffuphy.mpm.grid import Grid
+from diffuphy.mpm.kernels import make_kernels
+
+REAL = {torch.float32: wp.float32, torch.float64: wp.float64}
+"""Precisions a simulation can run in."""
+
+SEGMENT_BYTES = 2**28
+"""Memory the stored substeps of one frame may take in the backward pass before they are cut into segments [byte]."""
+
+
+@dataclass(frozen=True)
+class State:
+    """N particles at one time."""
+
+    x: Tensor
+    """Positions, shape (N, 3) [m]."""
+    v: Tensor
+    """Velocities, shape (N, 3) [m/s]."""
+    C: Tensor
+    """Affine velocities, shape (N, 3, 3) [1/s]."""
+    He: Tensor
+    """Trial elastic deformation gradient minus the identity, shape (N, 3, 3)."""
+    H: Tensor | None
+    """Total deformation gradient minus the identity, shape (N, 3, 3); None when nothing flows: it is ``He`` then."""
+    time: float = 0.0
+    """Time since the beginning [s]."""
+
+    @property
+    def F(self) -> Tensor:
+        """Total deformation gradient, shape (N, 3, 3)."""
+        H = self.He if self.H is None else self.H
+        return H + torch.eye(3, dtype=H.dtype, device=H.device)
+
+
+@dataclass(frozen=True)
+class Matter:
+    """What does not change during a rollout; contiguous tensors of one precision on one device."""
+
+    w_e: Tensor
+    """Elastic weights, shape (N, Ke)."""
+    w_p: Tensor
+    """Plastic weights, shape (N, Kp)."""
+    theta: Tensor
+    """Parameters in the order of ``mixture.params``, shape (N, P), SI."""
+    m: Tensor
+    """Masses, shape (N,) [kg]."""
+    vol: Tensor
+    """Rest volumes, shape (N,) [m³]."""
+
+
+@dataclass(frozen=True)
+class Span:
+    """The time and the block of nodes of one frame."""
+
+    grid: Grid
+    start: float
+    """Time at the beginning [s]."""
+    dt: float
+    """Length of a substep Δt [s]."""
+    n_sub: int
+    """Number of substeps."""
+
+    @property
+    def end(self) -> float:
+        """Time at the end [s]."""
+        return self.start + self.n_sub * self.dt
+
+
+class _Rows:
+    """``slots`` copies of the state of a frame below each other: row s N + p is particle p after s substeps; u counts from the first."""
+
+    def __init__(self, solver: "Solver", state: State, slots: int):
+        self.n = state.x.shape[0]
+
+        def rows_of(first: Tensor) -> Tensor:
+            out = torch.empty((slots * self.n, *first.shape[1:]), dtype=first.dtype, device=first.device)
+            out[: self.n] = first.detach()
+            return out
+
+        self.u = rows_of(torch.zeros_like(state.x))
+        self.v, self.C, self.He = rows_of(state.v), rows_of(state.C), rows_of(state.He)
+        self.H = None if state.H is None else rows_of(state.H)
+        k, X = solver.kernels, state.x.detach().contiguous()
+        types = {"X": (X, k.vec3), "u": (self.u, k.vec3), "v": (self.v, k.vec3), "C": (self.C, k.mat33), "He": (self.He, k.mat33), "H": (self.H, k.mat33)}
+        self.arrays = SimpleNamespace(**{name: solver._array(t, d) for name, (t, d) in types.items()})
+
+    def _parts(self) -> list[Tensor]:
+        return [t for t in (self.u, self.v, self.C, self.He, self.H) if t is not None]
+
+    def take(self, slot: int) -> list[Tensor]:
+        """A copy of one slot."""
+        return [t[slot * self.n : (slot + 1) * self.n].clone() for t in self._parts()]
+
+    def put(self, parts: list[Tensor]) -> None:
+        """Make ``parts`` the first slot."""
+        for t, part in zip(self._parts(), parts, strict=True):
+            t[: self.n] = part
+
+
+class Solver:
+    """Runs the substeps of a frame, forward or backward.
+
+    Args:
+        mixture: laws, from ``material.mixture.make_mixture``.
+        boundaries: walls; a solver without any has no wall code.
+        gravity: acceleration [m/s²].
+        dtype: torch.float32 or torch.float64.
+        device: where the tensors are.
+    """
+
+    def __init__(self, mixture: Any, boundaries: Sequence[Boundary], gravity: Sequence[float], dtype: torch.dtype, device: torch.device | str):
+        if dtype not in REAL:
+            raise ValueError(f"a simulation runs in torch.float32 or torch.float64, got {dtype}; convert the particles first")
+        self.mixture, self.boundaries, self.gravity = mixture, tuple(boundaries), tuple(float(g) for g in gravity)
+        self.dtype, self.device, self.real = dtype, torch.device(device), REAL[dtype]
+        self.walls = signature(self.boundaries)
+        self.kernels = make_kernels(mixture, self.walls, self.real)
+        self._still = all(b.still for b in self.boundaries)
+        self._nodes: dict[str, Tensor] = {}
+
+    # ------------------------------------------------------------------ forward
+    def advance(self, state: State, matter: Matter, span: Span) -> tuple[State, list[int]]:
+        """The state after ``span``, and for each of LEFT, INVERTED, FAST one more than the index of a particle that did so (0: none)."""
+        with self._stream():
+            work = _Rows(self, state, slots=1)
+            status = torch.zeros(3, dtype=torch.int32, device=self.device)
+            for substep in self._forward(work, matter, span, status):
+                substep(0, 0)
+            end = State(state.x + work.u, work.v, work.C, work.He, work.H, span.end)
+            return end, status.tolist()
+
+    def _forward(self, work: "_Rows", matter: Matter, span: Span, status: Tensor, flowed: Tensor | None = None) -> list[Callable[[int, int], None]]:
+        """The substeps of ``span`` as functions of the rows to read and to write."""
+        k, plastic = self.kernels, self.mixture.is_plastic
+        low, n, dx, dt = self._frame(span)
+        grid, grid_v = self._nodal("grid", span.grid), self._nodal("grid_v", span.grid)
+        a, mat = work.arrays, self._matter(matter)
+        He_out = a.He if flowed is None else self._array(flowed, k.mat33)
+        st = wp.from_torch(status)
+        p2g = self._record(k.p2g, work.n, [a.X, a.u, a.v, a.C, a.He, *mat, low, dx, dt, n, 0, grid, He_out, st])
+        grid_update = self._record(k.grid_update, span.grid.nodes, [grid, self._rows(span), 0, self._kick(span), dx, n, grid_v])
+        g2p = self._record(
+            k.g2p, work.n,
+            [a.X, a.u, He_out if plastic else a.He, a.H, grid_v, low, dx, dt, n, 0, 0, a.u, a.v, a.C, a.He, a.H, st],
+        )  # fmt: skip
+
+        def step(s: int, at: int, to: int) -> None:
+            if at != to:
+                _set(p2g, at=at)
+                _set(g2p, at=at, to=to)
+            if not self._still:
+                _set(grid_update, s=s)
+            p2g.launch()
+            grid_update.launch()
+            g2p.launch()
+
+        return [lambda at, to, s=s: step(s, at, to) for s in range(span.n_sub)]
+
+    # ------------------------------------------------------------------ backward
+    def advance_adjoint(
+        self, state: State, matter: Matter, span: Span, bars: State, needs: Needs, segment: int | None = None
+    ) -> tuple[State, tuple[Tensor | None, Tensor | None, Tensor | None, Tensor | None]]:
+        """Gradients with respect to ``state`` and to (w_e, w_p, θ, m), given those with respect to the state after ``span``.
+
+        Substeps are run again from ``state``, ``segment`` at a time, so that at most n_sub/segment + segment states are in memory;
+        the result does not depend on it. By default all at once if that takes less than SEGMENT_BYTES.
+
+        Args:
+            bars: gradients in the fields of a state; they are overwritten.
+            needs: which of w_e, w_p, θ, m want one.
+        """
+        per_state = state.x.shape[0] * (33 if self.mixture.is_plastic else 24) * state.x.element_size()
+        if segment is None:
+            fits = (span.n_sub + 1) * per_state <= SEGMENT_BYTES
+            segment = span.n_sub if fits else max(1, round(span.n_sub**0.5))
+        segment = min(segment, span.n_sub)
+        with self._stream():
+            starts = list(range(0, span.n_sub, segment))
+            work = _Rows(self, state, slots=segment + 1)
+            flowed = torch.empty_like(state.He) if self.mixture.is_plastic else None
+            status = torch.zeros(3, dtype=torch.int32, device=self.device)
+            substeps = self._forward(work, matter, span, status, flowed)
+            saved = []
+            for s in starts[:-1]:
+                saved.append(work.take(0))
+                self._replay(substeps[s : s + segment], work.n)
+                work.put(work.take(segment))
+            matter_bars = tuple(torch.zeros_like(t) if need else None for t, need in zip((matter.w_e, matter.w_p, matter.theta, matter.m), needs, strict=True))
+            back = self._backward(work, matter, span, bars, needs, matter_bars, flowed)
+            for s in reversed(starts):
+                if s != starts[-1]:
+                    work.put(saved.pop())
+                n = min(segment, span.n_sub - s)
+                self._replay(substeps[s : s + n], work.n)
+                for i in reversed(range(n)):
+                    back(s + i, i * work.n, (i + 1) * work.n)
+        return bars, matter_bars  # type: ignore[return-value]
+
+    @staticmethod
+    def _replay(substeps: list[Callable[[int, int], None]], n: int) -> None:
+        for i, substep in enumerate(substeps):
+            substep(i * n, (i + 1) * n)
+
+    def _backward(
+        self, work: "_Rows", matter: Matter, span: Span, bars: State, needs: Needs, matter_bars: tuple[Tensor | None, ...], flowed: Tensor | None
+    ) -> Callable[[int, int, int], None]:
+        """One substep backwards, as a function of its number and of the rows of its two ends."""
+        k, mix = self.kernels, self.mixture
+        adj = make_adjoint(mix, self.walls, self.real, needs)
+        low, n, dx, dt = self._frame(span)
+        grid, grid_v, grid_bar = (self._nodal(name, span.grid) for name in ("grid", "grid_v", "grid_bar"))
+        a, mat, row, kick = work.arrays, self._matter(matter), self._rows(span), self._kick(span)
+        He = a.He if flowed is None else self._array(flowed, k.mat33)
+        scratch = self._array(flowed, k.mat33) if flowed is not None else a.He
+        status = wp.zeros(3, dtype=wp.int32, device=str(self.device))
+        b = [self._array(bars.x, k.vec3), self._array(bars.v, k.vec3), self._array(bars.C, k.mat33), self._array(bars.He, k.mat33)]
+        H_bar = self._array(bars.H, k.mat33)
+        mb = [self._array(t, d) for t, d in zip(matter_bars, (mix.w_e_t, mix.w_p_t, mix.theta_t, self.real), strict=True)]
+        N, nodes = work.n, span.grid.nodes
+        p2g = self._record(k.p2g, N, [a.X, a.u, a.v, a.C, a.He, *mat, low, dx, dt, n, 0, grid, scratch, status])
+        again = self._record(adj.grid_again, nodes, [grid, row, 0, kick, dx, n, grid_v, grid_bar])
+        g2p = self._record(adj.g2p_adjoint, N, [a.X, a.u, He, a.H, a.C, grid_v, low, dx, dt, n, 0, 0, *b, H_bar, grid_bar])
+        grid_adjoint = self._record(adj.grid_adjoint, nodes, [grid, row, 0, kick, dx, n, grid_bar])
+        p2g_adjoint = self._record(adj.p2g_adjoint, N, [a.X, a.u, a.v, a.C, a.He, *mat, low, dx, dt, n, 0, grid_bar, *b, *mb])
+
+        def step(s: int, at: int, to: int) -> None:
+            _set(p2g, at=at)
+            _set(g2p, at=at, to=to)
+            _set(p2g_adjoint, at=at)
+            if not self._still:
+                _set(again, s=s)
+                _set(grid_adjoint, s=s)
+            for command in (p2g, again, g2p, grid_adjoint, p2g_adjoint):
+                command.launch()
+
+        return step
+
+    # ------------------------------------------------------------------ arguments of kernels
+    def _frame(self, span: Span) -> tuple[Any, Any, float, float]:
+        low = self.kernels.vec3(*(o * span.grid.dx for o in span.grid.origin))
+        return low, wp.vec3i(*span.grid.shape), span.grid.dx, span.dt
+
+    def _kick(self, span: Span) -> Any:
+        return self.kernels.vec3(*(g * span.dt for g in self.gravity))
+
+    def _rows(self, span: Span) -> wp.array:
+        """Wall data of every substep; one row when all walls stand still."""
+        times = span.start + span.dt * np.arange(1 if self._still else span.n_sub)
+        data = rows(self.boundaries, span.grid, times)
+        return wp.array(data, dtype=self.kernels.wall_t, device=str(self.device)) if self.walls else wp.zeros((1, 0), dtype=self.kernels.wall_t, device=str(self.device))
+
+    def _nodal(self, name: str, grid: Grid) -> wp.array:
+        """Four numbers a node, zero at first; kept between frames and made larger when a block needs it."""
+        kept = self._nodes.get(name)
+        if kept is None or kept.shape[0] < grid.nodes:
+            self._nodes[name] = kept = torch.zeros((grid.nodes + grid.nodes // 4, 4), dtype=self.dtype, device=self.device)
+        if name == "grid":
+            kept[: grid.nodes].zero_()
+        return self._array(kept, self.kernels.vec4)
+
+    def _matter(self, matter: Matter) -> list[wp.array]:
+        mix = self.mixture
+        pairs = ((matter.w_e, mix.w_e_t), (matter.w_p, mix.w_p_t), (matter.theta, mix.theta_t), (matter.m, self.real), (matter.vol, self.real))
+        return [self._array(t, d) for t, d in pairs]
+
+    def _array(self, t: Tensor | None, dtype: Any) -> wp.array:
+        """A view of a tensor; nothing at all for an argument that the kernel never reads."""
+        if t is None:
+            return wp.zeros(0, dtype=dtype, device=str(self.device))
+        return wp.from_torch(t.detach(), dtype=dtype)
+
+    def _record(self, kernel: wp.Kernel, dim: int, inputs: list[Any]) -> wp.Launch:
+        return wp.launch(kernel, dim=dim, inputs=inputs, device=str(self.device), record_cmd=True)
+
+    def _stream(self) -> contextlib.AbstractContextManager[Any]:
+        if self.device.type == "cpu":
+            return contextlib.nullcontext()
+        return wp.ScopedStream(wp.stream_from_torch(torch.cuda.current_stream(self.device)))
+
+
+def _set(command: wp.Launch, **integers: int) -> None:
+    """Change integer arguments of a recorded launch, by name."""
+    names = [arg.label for arg in command.kernel.adj.args]
+    for name, value in integers.items():
+        command.set_param_at_index_from_ctype(names.index(name), value)
