@@ -1,6 +1,7 @@
 """Rendering of Gaussians: rasterisers, colours, cameras, the skin that ties them to particles, and the film."""
 
 from diffuphy.render.cameras import intrinsics, look_at, orbit
+from diffuphy.render.clip import Film, contact_sheet, write_mp4, write_png
 from diffuphy.render.draw import rasterize, render_gaussians
 from diffuphy.render.gsplat import Gsplat
 from diffuphy.render.image import Image, Rasteriser
@@ -10,14 +11,18 @@ from diffuphy.render.skin import Skin
 
 __all__ = [
     "Dense",
+    "Film",
     "Gsplat",
     "Image",
     "Rasteriser",
     "Skin",
     "Warp",
+    "contact_sheet",
     "intrinsics",
     "look_at",
     "orbit",
     "rasterize",
     "render_gaussians",
+    "write_mp4",
+    "write_png",
 ]

@@ -48,7 +48,8 @@ class Gsplat:
             from gsplat import rasterization
         except ModuleNotFoundError as error:
             raise ModuleNotFoundError(
-                'the gsplat backend needs the package gsplat: pip install "diffuphy[gsplat]", or use backend=Warp()', name="gsplat"
+                'the gsplat backend needs the package gsplat: pip install "diffuphy[gsplat]", or use backend=Warp()',
+                name="gsplat",
             ) from error
         covars = None
         if F is not None:

@@ -54,7 +54,12 @@ def project(
 
 
 def composite(
-    means2d: Tensor, covariances2d: Tensor, features: Tensor, opacities: Tensor, size: tuple[int, int], thresholds: tuple[float, float, float]
+    means2d: Tensor,
+    covariances2d: Tensor,
+    features: Tensor,
+    opacities: Tensor,
+    size: tuple[int, int],
+    thresholds: tuple[float, float, float],
 ) -> tuple[Tensor, Tensor]:
     """Features (H, W, D) and coverage (H, W) of Gaussians in the order given, nearest first.
 

@@ -83,14 +83,23 @@ def _vectors(real: type) -> SimpleNamespace:
     vec2, vec3, vec4 = (wp.types.vector(n, real) for n in (2, 3, 4))
     mat33, mat44 = wp.types.matrix((3, 3), real), wp.types.matrix((4, 4), real)
     return SimpleNamespace(
-        real=real, vec2=vec2, vec3=vec3, vec4=vec4, operands=(vec3, vec4, vec3, mat33, mat44, mat33), projected=(vec2, vec3, real, vec2)
+        real=real,
+        vec2=vec2,
+        vec3=vec3,
+        vec4=vec4,
+        operands=(vec3, vec4, vec3, mat33, mat44, mat33),
+        projected=(vec2, vec3, real, vec2),
     )
 
 
-def _spread_launch(kernel: wp.Kernel, dim: tuple[int, ...], axis: int, inputs: list, device: torch.device, threads: int) -> None:
+def _spread_launch(
+    kernel: wp.Kernel, dim: tuple[int, ...], axis: int, inputs: list, device: torch.device, threads: int
+) -> None:
     """Launch ``kernel`` over ``dim``, on the CPU cut along ``axis`` into one launch a thread; the first argument is the start."""
     wp_device = wp.device_from_torch(device)
-    kernel.module.load(wp_device, 256 if wp_device.is_cuda else 1)  # before the threads, which must not compile it twice
+    kernel.module.load(
+        wp_device, 256 if wp_device.is_cuda else 1
+    )  # before the threads, which must not compile it twice
 
     def launch(start: int, length: int) -> None:
         part = (*dim[:axis], length, *dim[axis + 1 :])
@@ -179,8 +188,22 @@ class _Composite(torch.autograd.Function):
         views, count = g_means2d.shape[:2]
         g_features = pixels.new_zeros(views, count, 4)
         g_opacities = pixels.new_zeros(views, count)
-        inputs = [splats, array(pixels, types.vec4), array(T, types.real), array(g_pixels, types.vec4), array(g_alpha, types.real)]
-        outputs = [array(x, t) for x, t in ((g_means2d, types.vec2), (g_conics, types.vec3), (g_features, types.vec4), (g_opacities, types.real))]
+        inputs = [
+            splats,
+            array(pixels, types.vec4),
+            array(T, types.real),
+            array(g_pixels, types.vec4),
+            array(g_alpha, types.real),
+        ]
+        outputs = [
+            array(x, t)
+            for x, t in (
+                (g_means2d, types.vec2),
+                (g_conics, types.vec3),
+                (g_features, types.vec4),
+                (g_opacities, types.real),
+            )
+        ]
         driver, tile = ctx.settings.layout(T.device)
         if driver == "tile":
             columns, rows = tiling(*ctx.size, tile)
@@ -209,7 +232,9 @@ def _boxes(means2d: Tensor, sigmas: Tensor, opacities: Tensor, size: tuple[int, 
     return boxes
 
 
-def _splats(operands: list[Tensor], lists: tuple[Tensor, ...], size: tuple[int, int], settings: Warp) -> tuple[Any, Any, Any]:
+def _splats(
+    operands: list[Tensor], lists: tuple[Tensor, ...], size: tuple[int, int], settings: Warp
+) -> tuple[Any, Any, Any]:
     """The kernels' view of the operands, the kernels, and the Warp types of the pixels."""
     means2d, conics, depths, colors, opacities = operands
     boxes, offsets, ids = lists

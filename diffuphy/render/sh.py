@@ -111,7 +111,9 @@ def _sphere() -> tuple[Tensor, tuple[Tensor, ...]]:
     """32 fixed directions and, for each band, the pseudo-inverse of its basis on them, float64."""
     k = torch.arange(32, dtype=torch.float64)
     z = 1 - (2 * k + 1) / 32
-    phi = k * math.pi * (3 - math.sqrt(5))  # golden angle: even over the sphere, so that the inverse is well conditioned
+    phi = (
+        k * math.pi * (3 - math.sqrt(5))
+    )  # golden angle: even over the sphere, so that the inverse is well conditioned
     r = torch.sqrt(1 - z * z)
     d = torch.stack([r * torch.cos(phi), r * torch.sin(phi), z], dim=-1)
     Y = basis(d, 3)

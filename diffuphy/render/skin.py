@@ -88,7 +88,9 @@ def _follow_carriers(index: Tensor, particles: Particles, count: int) -> Tensor:
     carrier = particles.gaussian >= 0
     carried = particles.gaussian[carrier].to(index.device)
     if carried.numel() and int(carried.max()) >= count:
-        raise ValueError(f"particles carry Gaussian {int(carried.max())}, but there are only {count}; sample the particles again")
+        raise ValueError(
+            f"particles carry Gaussian {int(carried.max())}, but there are only {count}; sample the particles again"
+        )
     index = index.clone()
     index[carried, 0] = carrier.nonzero()[:, 0].to(index.device)
     return index

@@ -58,7 +58,9 @@ def tiling(width: int, height: int, tile: int) -> tuple[int, int]:
     return -(-width // tile), -(-height // tile)
 
 
-def bin_by_counting(boxes: Tensor, depths: Tensor, tile: int, columns: int, rows: int, threads: int) -> tuple[Tensor, Tensor]:
+def bin_by_counting(
+    boxes: Tensor, depths: Tensor, tile: int, columns: int, rows: int, threads: int
+) -> tuple[Tensor, Tensor]:
     """``offsets`` (C, tiles + 1) and ``ids`` (pairs), int32, by a serial counting sort of each view."""
     views = boxes.shape[0]
     order = torch.sort(depths, dim=1, stable=True).indices

@@ -220,4 +220,6 @@ def compositing_kernels(real: type) -> SimpleNamespace:
                 if T_k < s.T_min:
                     break
 
-    return SimpleNamespace(Splats=Splats, tile=tile, tile_adjoint=tile_adjoint, pixel=pixel, pixel_adjoint=pixel_adjoint)
+    return SimpleNamespace(
+        Splats=Splats, tile=tile, tile_adjoint=tile_adjoint, pixel=pixel, pixel_adjoint=pixel_adjoint
+    )
