@@ -2,13 +2,13 @@
 
 The paper (eqs 12–15) compares the velocity change of each particle with the one its forces explain:
 
-    L = 1/N Σ_i |Δv_i − Δv_expected,i|²,   Δv_expected,i = (F_stress,i + m_i g) Δt / m_i,   F_stress,i = −Δt V_i Σ_j σ_i : ∇w_ij
+    L = 1/N Σ_i |Δv_i − Δv_expected,i|²
+    Δv_expected,i = (F_stress,i + m_i g) Δt / m_i,   F_stress,i = −Δt V_i Σ_j σ_i : ∇w_ij
 
 ``literal``
     As printed. The weights sum to one, so Σ_j ∇w_ij = 0 and F_stress,i vanishes identically whatever the material:
     what is left, |Δv_i − g Δt|², *punishes every departure from free fall*, contact and elasticity included. It is
-    zero for a body that falls and never lands, and g² Δt² for one at rest on the floor. As a training signal it
-    favours materials that transmit no force.
+    zero for a body that falls and never lands, and g² Δt² for one at rest on the floor.
 ``consistent``
     With the forces the solver really applied: Δv_expected,i = Σ_substeps Δt (Σ_j w_ij f_j / m_j + g), f_j = −Σ_p V_p
     τ_p ∇w_pj, gathered by the simulator over the substeps of a frame and given here as ``expected_dv``. What is left
@@ -87,9 +87,7 @@ def _check(form: str, v: Tensor, m: Tensor, dt: float, expected_dv: Tensor | Non
         name, value, shape = given[form]
         if value is None or tuple(value.shape) != shape:
             got = "nothing" if value is None else tuple(value.shape)
-            raise ValueError(
-                f"form {form!r} needs {name} of shape {shape} from the simulator, got {got}; or use another form"
-            )
+            raise ValueError(f"form {form!r} needs {name} {shape} from the simulator, got {got}; or use another form")
 
 
 @dataclass(frozen=True)
@@ -97,9 +95,9 @@ class Velocity:
     """λ_vel · L_vel (paper eq. 15)."""
 
     form: Form = "consistent"
-    """``consistent``, ``literal`` (eqs 12–14 as printed, punishes all but free fall) or ``momentum``; see the module."""
+    """``consistent``, ``literal`` (eqs 12–14 as printed: punishes all but free fall) or ``momentum``; see above."""
     weight: float = 0.0
-    """λ_vel [s²/m²]; the paper has 0.2. 0 leaves the loss out: no form teaches the material, and the literal one misleads."""
+    """λ_vel [s²/m²]; 0.2 in the paper. 0 leaves the loss out: no form teaches the material, the literal one misleads."""
 
     def __post_init__(self) -> None:
         if self.form not in get_args(Form):
@@ -108,9 +106,9 @@ class Velocity:
             raise ValueError(f"velocity.weight must be ≥ 0, got {self.weight}; 0 leaves the loss out")
 
     @property
-    def needs(self) -> Literal["expected_dv", "impulse"] | None:
-        """What the simulator must gather for this form; None when the trajectory is enough or the weight is 0."""
-        return {"consistent": "expected_dv", "momentum": "impulse"}.get(self.form) if self.weight > 0 else None  # type: ignore[return-value]
+    def needs(self) -> str | None:
+        """``expected_dv`` or ``impulse`` if the simulator must gather it; None if v is enough or the weight is 0."""
+        return {"consistent": "expected_dv", "momentum": "impulse"}.get(self.form) if self.weight > 0 else None
 
     def __call__(
         self,

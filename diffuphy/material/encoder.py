@@ -63,7 +63,7 @@ def features(x: Tensor, colors: Tensor, opacities: Tensor, cov: Tensor) -> Point
         log_s = s.clamp(min=THINNEST).log() + trace.log()[:, None]
         log_cov = (axes * log_s[:, None, :]) @ axes.mT
         row, col = torch.triu_indices(3, 3, device=cov.device)
-        upper = log_cov[:, row, col] * torch.where(row == col, 1.0, 2.0**0.5).to(cov.dtype)
+        upper = log_cov[:, row, col] * torch.where(row == col, 1, 2).to(cov.dtype).sqrt()
         return Points(x.detach(), torch.cat([upper, opacities[:, None], colors], 1).detach().to(x.dtype))
 
 
