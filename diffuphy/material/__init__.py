@@ -1,0 +1,25 @@
+"""What things are made of: constitutive laws, their mixtures, and presets in SI units.
+
+ELASTIC, PLASTIC    the laws, by name; the order is the index in checkpoints
+make_mixture        Warp functions of a mixture: stress, return map, closed-form adjoint
+wave_speed          what bounds the time step
+PRESETS, lookup     material words ("rubber", "sand") as laws and parameters
+"""
+
+from .elastic import ELASTIC
+from .expert import Elastic, Layout, Param, Plastic
+from .mixture import Mixture, make_mixture, rate_gate, wave_speed
+from .plastic import PLASTIC
+
+__all__ = [
+    "ELASTIC",
+    "PLASTIC",
+    "Elastic",
+    "Layout",
+    "Mixture",
+    "Param",
+    "Plastic",
+    "make_mixture",
+    "rate_gate",
+    "wave_speed",
+]

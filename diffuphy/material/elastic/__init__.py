@@ -1,0 +1,6 @@
+"""Elastic laws. The order is the expert index in checkpoints: append only."""
+
+from ..expert import Elastic
+from . import fixed_corotated, hencky, neo_hookean
+
+ELASTIC: dict[str, Elastic] = {m.LAW.name: m.LAW for m in (fixed_corotated, neo_hookean, hencky)}

@@ -1,0 +1,237 @@
+"""Stress, return map and their adjoint in the shared principal frame; the formulas are in :mod:`.mixture`."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import warp as wp
+
+from . import linalg
+from .expert import Layout, PlasticFunctions
+
+
+@dataclass(frozen=True)
+class ElasticSum:
+    """Σ_c w_c of the principal functions; the adjoint also gives w̄."""
+
+    energy: Any
+    stress: Any
+    stress_adjoint: Any
+    slope: Any
+
+
+def sum_elastic(layout: Layout, laws: tuple[Any, ...], w_t: Any) -> ElasticSum:
+    real, vec3, theta_t = layout.real, layout.vec3, layout.theta_t
+    K = len(laws)
+
+    @wp.func(module="unique")
+    def energy(s: vec3, e: vec3, w: w_t, theta: theta_t) -> real:
+        if wp.static(K == 1):
+            return wp.static(laws[0].energy)(s, e, theta)
+        psi = real(0.0)
+        for c in range(wp.static(K)):
+            psi += w[c] * wp.static(laws[c].energy)(s, e, theta)
+        return psi
+
+    @wp.func(module="unique")
+    def stress(s: vec3, e: vec3, w: w_t, theta: theta_t) -> vec3:
+        if wp.static(K == 1):
+            return wp.static(laws[0].stress)(s, e, theta)
+        T = vec3()
+        for c in range(wp.static(K)):
+            T += w[c] * wp.static(laws[c].stress)(s, e, theta)
+        return T
+
+    @wp.func(module="unique")
+    def stress_adjoint(s: vec3, e: vec3, w: w_t, theta: theta_t, T_bar: vec3):
+        w_bar = w_t()
+        if wp.static(K == 1):
+            e_1, theta_1 = wp.static(laws[0].stress_adjoint)(s, e, theta, T_bar)
+            return e_1, w_bar, theta_1
+        e_bar = vec3()
+        theta_bar = theta_t()
+        for c in range(wp.static(K)):
+            w_bar[c] = wp.dot(T_bar, wp.static(laws[c].stress)(s, e, theta))
+            e_c, theta_c = wp.static(laws[c].stress_adjoint)(s, e, theta, T_bar)
+            e_bar += w[c] * e_c
+            theta_bar += w[c] * theta_c
+        return e_bar, w_bar, theta_bar
+
+    @wp.func(module="unique")
+    def slope(s: vec3, e: vec3, w: w_t, theta: theta_t) -> vec3:
+        if wp.static(K == 1):
+            return wp.static(laws[0].slope)(s, e, theta)
+        d = vec3()
+        for c in range(wp.static(K)):
+            d += w[c] * wp.static(laws[c].slope)(s, e, theta)
+        return d
+
+    return ElasticSum(energy, stress, stress_adjoint, slope)
+
+
+def sum_plastic(layout: Layout, laws: tuple[Any, ...], w_t: Any) -> PlasticFunctions:
+    real, theta_t = layout.real, layout.theta_t
+    K = len(laws)
+
+    @wp.func(module="unique")
+    def flow(n: real, tr: real, w: w_t, theta: theta_t, dt: real):
+        if wp.static(K == 1):
+            a_1, b_1 = wp.static(laws[0].flow)(n, tr, theta, dt)
+            return a_1, b_1
+        a = real(0.0)
+        b = real(0.0)
+        for c in range(wp.static(K)):
+            a_c, b_c = wp.static(laws[c].flow)(n, tr, theta, dt)
+            a += w[c] * a_c
+            b += w[c] * b_c
+        return a, b
+
+    @wp.func(module="unique")
+    def flow_adjoint(n: real, tr: real, w: w_t, theta: theta_t, dt: real, a_bar: real, b_bar: real):
+        w_bar = w_t()
+        if wp.static(K == 1):
+            n_1, tr_1, theta_1 = wp.static(laws[0].flow_adjoint)(n, tr, theta, dt, a_bar, b_bar)
+            return n_1, tr_1, w_bar, theta_1
+        n_bar = real(0.0)
+        tr_bar = real(0.0)
+        theta_bar = theta_t()
+        for c in range(wp.static(K)):
+            a_c, b_c = wp.static(laws[c].flow)(n, tr, theta, dt)
+            w_bar[c] = a_bar * a_c + b_bar * b_c
+            n_c, tr_c, theta_c = wp.static(laws[c].flow_adjoint)(n, tr, theta, dt, w[c] * a_bar, w[c] * b_bar)
+            n_bar += n_c
+            tr_bar += tr_c
+            theta_bar += theta_c
+        return n_bar, tr_bar, w_bar, theta_bar
+
+    return PlasticFunctions(flow, flow_adjoint)
+
+
+def energy(layout: Layout, total: ElasticSum, w_e_t: Any) -> Any:
+    """(Fe, w_e, θ) → ψ [Pa]."""
+    real, mat33, theta_t = layout.real, layout.mat33, layout.theta_t
+    la = linalg.build(real)
+
+    @wp.func(module="unique")
+    def stored(F: mat33, w_e: w_e_t, theta: theta_t) -> real:
+        _B, _V, s, e = la.principal(F)
+        return total.energy(s, e, w_e, theta)
+
+    return stored
+
+
+def elastic(layout: Layout, total: ElasticSum, w_e_t: Any, w_p_t: Any) -> tuple[Any, Any]:
+    """Stress and adjoint when nothing flows: z = s, Fe = F."""
+    real, vec3, mat33, theta_t = layout.real, layout.vec3, layout.mat33, layout.theta_t
+    la = linalg.build(real)
+
+    @wp.func(module="unique")
+    def stress(F: mat33, w_e: w_e_t, w_p: w_p_t, theta: theta_t, dt: real):
+        B, _V, s, e = la.principal(F)
+        T = wp.cw_div(total.stress(s, e, w_e, theta), wp.cw_mul(s, s))
+        return (B * wp.diag(T)) * wp.transpose(B), F
+
+    @wp.func(module="unique")
+    def stress_adjoint(F: mat33, w_e: w_e_t, w_p: w_p_t, theta: theta_t, dt: real, tau_bar: mat33, Fe_bar: mat33):
+        B, V, s, e = la.principal(F)
+        U = B * wp.diag(vec3(real(1.0) / s[0], real(1.0) / s[1], real(1.0) / s[2]))
+        G = wp.transpose(U) * (tau_bar + wp.transpose(tau_bar)) * U  # twice the symmetric part
+        e_bar, w_e_bar, theta_bar = total.stress_adjoint(s, e, w_e, theta, real(0.5) * wp.get_diag(G))
+        d = total.slope(s, e, w_e, theta)
+        g = vec3(d[0] * G[1, 2] / (s[1] + s[2]), d[1] * G[2, 0] / (s[2] + s[0]), d[2] * G[0, 1] / (s[0] + s[1]))
+        X = mat33(
+            e_bar[0] / s[0], g[2] * s[1], g[1] * s[2],
+            g[2] * s[0], e_bar[1] / s[1], g[0] * s[2],
+            g[1] * s[0], g[0] * s[1], e_bar[2] / s[2],
+        )  # fmt: skip
+        return Fe_bar + U * X * wp.transpose(V), w_e_bar, w_p_t(), theta_bar
+
+    return stress, stress_adjoint
+
+
+def elastoplastic(
+    layout: Layout, total: ElasticSum, plastic: PlasticFunctions, w_e_t: Any, w_p_t: Any
+) -> tuple[Any, Any]:
+    """Stress and adjoint with a return map."""
+    real, vec3, mat33, theta_t = layout.real, layout.vec3, layout.mat33, layout.theta_t
+    la = linalg.build(real)
+    near = real(0.25 if real is wp.float32 else 0.02)  # the next term of the series in pair, l⁶/30000, is below one ulp
+
+    @wp.func(module="unique")
+    def split(e: vec3):
+        """Trace, deviator and its norm."""
+        tr = e[0] + e[1] + e[2]
+        t = tr / real(3.0)
+        dev = e - vec3(t, t, t)
+        return tr, dev, wp.length(dev)
+
+    @wp.func(module="unique")
+    def stress(F: mat33, w_e: w_e_t, w_p: w_p_t, theta: theta_t, dt: real):
+        B, V, s, e = la.principal(F)
+        tr, dev, n = split(e)
+        a, b = plastic.flow(n, tr, w_p, theta, dt)
+        Fe = F
+        z = s
+        h = e
+        if a != real(0.0) or b != real(0.0):
+            x = vec3(b, b, b) - a * dev
+            h = e + x
+            r = vec3(wp.exp(x[0]), wp.exp(x[1]), wp.exp(x[2]))
+            z = wp.cw_mul(s, r)
+            Fe = F + (B * wp.diag(r - vec3(real(1.0), real(1.0), real(1.0)))) * wp.transpose(V)
+        T = wp.cw_div(total.stress(z, h, w_e, theta), wp.cw_mul(s, s))
+        return (B * wp.diag(T)) * wp.transpose(B), Fe
+
+    @wp.func(module="unique")
+    def pair(s_i: real, s_j: real, z_i: real, z_j: real, l: real, k: real, d: real, G: real, H_ij: real, H_ji: real):
+        """Off-diagonal entries X_ij − H_ij and X_ji − H_ji; l = e_i − e_j; G is twice that of the text."""
+        sum = s_i + s_j
+        p = real(1.0)
+        if wp.abs(l) < near:  # √(z z/(s s)) sinh(k l/2)/sinh(l/2), series in l
+            l2 = l * l
+            k2 = k * k
+            c_2 = (k2 - real(1.0)) / real(24.0)
+            c_4 = (k2 * (real(3.0) * k2 - real(10.0)) + real(7.0)) / real(5760.0)
+            p = k * wp.sqrt(z_i * z_j / (s_i * s_j)) * (real(1.0) + l2 * (c_2 + l2 * c_4))
+        else:
+            p = (z_i - z_j) / (s_i - s_j)
+        q = p * d * G / sum
+        sym = (p - real(1.0)) * real(0.5) * (H_ij + H_ji)
+        skew = ((z_i + z_j) / sum - real(1.0)) * real(0.5) * (H_ij - H_ji)
+        return sym + skew + q * s_j, sym - skew + q * s_i
+
+    @wp.func(module="unique")
+    def stress_adjoint(F: mat33, w_e: w_e_t, w_p: w_p_t, theta: theta_t, dt: real, tau_bar: mat33, Fe_bar: mat33):
+        B, V, s, e = la.principal(F)
+        tr, dev, n = split(e)
+        a, b = plastic.flow(n, tr, w_p, theta, dt)
+        h = e
+        z = s
+        if a != real(0.0) or b != real(0.0):
+            x = vec3(b, b, b) - a * dev
+            h = e + x
+            z = vec3(s[0] * wp.exp(x[0]), s[1] * wp.exp(x[1]), s[2] * wp.exp(x[2]))
+        U = B * wp.diag(vec3(real(1.0) / s[0], real(1.0) / s[1], real(1.0) / s[2]))
+        G = wp.transpose(U) * (tau_bar + wp.transpose(tau_bar)) * U  # twice the symmetric part
+        H = wp.transpose(U) * Fe_bar * V
+        h_bar, w_e_bar, theta_bar = total.stress_adjoint(z, h, w_e, theta, real(0.5) * wp.get_diag(G))
+        h_bar += wp.cw_mul(wp.get_diag(H), z)
+        sum = h_bar[0] + h_bar[1] + h_bar[2]
+        n_bar, tr_bar, w_p_bar, theta_p = plastic.flow_adjoint(n, tr, w_p, theta, dt, -wp.dot(h_bar, dev), sum)
+        # ē = (1 − a) h̄ + (a tr h̄/3 + t̄r) + n̄ ê/n
+        k = real(1.0) - a
+        t = a * sum / real(3.0) + tr_bar
+        e_bar = k * h_bar + vec3(t, t, t)
+        if n > real(0.0):
+            e_bar += (n_bar / n) * dev
+        d = total.slope(z, h, w_e, theta)
+        x01, x10 = pair(s[0], s[1], z[0], z[1], e[0] - e[1], k, d[2], G[0, 1], H[0, 1], H[1, 0])
+        x02, x20 = pair(s[0], s[2], z[0], z[2], e[0] - e[2], k, d[1], G[0, 2], H[0, 2], H[2, 0])
+        x12, x21 = pair(s[1], s[2], z[1], z[2], e[1] - e[2], k, d[0], G[1, 2], H[1, 2], H[2, 1])
+        X = mat33(
+            e_bar[0] / s[0] - H[0, 0], x01, x02,
+            x10, e_bar[1] / s[1] - H[1, 1], x12,
+            x20, x21, e_bar[2] / s[2] - H[2, 2],
+        )  # fmt: skip
+        return Fe_bar + U * X * wp.transpose(V), w_e_bar, w_p_bar, theta_bar + theta_p
+
+    return stress, stress_adjoint
