@@ -4,12 +4,12 @@ import math
 from dataclasses import dataclass
 
 import torch
-from torch import Tensor
 
+from diffuphy.render import orbit
 from diffuphy.types import Camera
 
-GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
-"""Azimuth between neighbours of a Fibonacci lattice [rad]: no two cameras of any size of bank line up."""
+GOLDEN_ANGLE = 180 * (3 - math.sqrt(5))
+"""Azimuth between neighbours of a Fibonacci lattice [deg]: no two cameras of any size of bank line up."""
 
 
 @dataclass(frozen=True)
@@ -48,29 +48,7 @@ class Orbits:
         u = torch.rand(self.bank, 2, generator=g, dtype=torch.float64)
         k = torch.arange(self.bank, dtype=torch.float64)
         lo, hi = (math.sin(math.radians(e)) for e in self.elevation)
-        elevation = torch.asin(lo + (hi - lo) * (k + u[:, 0]) / self.bank)
-        start = 2 * math.pi * torch.rand((), generator=g, dtype=torch.float64)
-        azimuth = start + GOLDEN_ANGLE * k + 2 * math.pi / self.bank * (u[:, 1] - 0.5)
-        return orbit(azimuth, elevation, distance=self.distance, fov=self.fov, size=self.size)
-
-
-def orbit(azimuth: Tensor, elevation: Tensor, *, distance: float, fov: float, size: int) -> Camera:
-    """Square cameras on a sphere, looking at the origin, z up in the picture.
-
-    Args:
-        azimuth: angle from +x (the front of an object) towards +y, shape (C,) [rad].
-        elevation: angle above the horizon, in (−π/2, π/2), shape (C,) [rad].
-        distance: radius of the sphere [object units].
-        fov: field of view [deg].
-        size: side of the picture [px].
-    """
-    zero = torch.zeros_like(azimuth)
-    forward = -torch.stack([elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()], 1)
-    right = torch.stack([-azimuth.sin(), azimuth.cos(), zero], 1)
-    rotation = torch.stack([right, torch.linalg.cross(forward, right), forward], 1)  # rows: x right, y down, z forward
-    viewmats = torch.eye(4, dtype=azimuth.dtype).repeat(len(azimuth), 1, 1)
-    viewmats[:, :3, :3] = rotation
-    viewmats[:, 2, 3] = distance
-    f = 0.5 * size / math.tan(math.radians(fov) / 2)
-    K = torch.tensor([[f, 0.0, size / 2], [0.0, f, size / 2], [0.0, 0.0, 1.0]])
-    return Camera(viewmats.float(), K.repeat(len(azimuth), 1, 1), size, size)
+        elevation = torch.asin(lo + (hi - lo) * (k + u[:, 0]) / self.bank).rad2deg()
+        start = 360 * torch.rand((), generator=g, dtype=torch.float64)
+        azimuth = start + GOLDEN_ANGLE * k + 360 / self.bank * (u[:, 1] - 0.5)
+        return orbit(azimuth % 360, elevation, self.distance, fov=self.fov, width=self.size, height=self.size)

@@ -10,8 +10,8 @@ from torch import Tensor
 from diffuphy.losses import Constant, Exponential, Linear, Schedule, sds
 from diffuphy.losses.guidance import Guidance
 from diffuphy.losses.sds import Weight
-from diffuphy.render import Warp, render_gaussians
-from diffuphy.text2gs.cameras import Orbits, orbit
+from diffuphy.render import Rasteriser, Warp, orbit, render_gaussians
+from diffuphy.text2gs.cameras import Orbits
 from diffuphy.text2gs.densify import AdaptiveSplitting
 from diffuphy.text2gs.init import Ball, SurfaceCloud
 from diffuphy.text2gs.params import LearningRates, Parameters, clean
@@ -53,6 +53,8 @@ class FitGaussians:
     """Colour behind the object: white and a random colour in turn by chance, which no transparent haze can match; or white."""
     sh_degree: int = 0
     """Degree of spherical harmonics, 0 to 3. 0: colour does not depend on the view, and nothing need turn with the material."""
+    opaque: float = 0.1
+    """Drift of opacities towards 1, as a share of a full step: matter is opaque unless the pictures keep objecting."""
     max_scale: float = 0.15
     """Longest axis of a Gaussian (1 σ) [object units]."""
     max_ratio: float = 8.0
@@ -63,7 +65,7 @@ class FitGaussians:
     """At the end, a Gaussian farther from its neighbours than this many times its size plus their spacing goes too."""
     preview_every: int = field(default=50, metadata={"runtime": True})
     """Steps between preview pictures and metrics."""
-    backend: Any = field(default_factory=Warp, metadata={"runtime": True})
+    backend: Rasteriser = field(default=Warp(), metadata={"runtime": True})
     """Rasteriser."""
     device: str = field(default="cpu", metadata={"runtime": True})
     """Where to compute."""
@@ -100,7 +102,7 @@ class FitGaussians:
             loss.backward()
 
             run.observe()
-            params.step(self.rates, self.decay(step, self.steps))
+            params.step(self.rates, self.decay(step, self.steps), opaque=self.opaque)
             params.project(max_scale=self.max_scale, max_ratio=self.max_ratio)
             run.step += 1
             if self.densify is not None and self.densify.due(run.step, self.steps):
@@ -137,8 +139,8 @@ class FitGaussians:
     def _preview(self, work: Workspace, run: "_Run") -> None:
         if work.directory is None:
             return
-        angles = torch.tensor([[30.0, 15.0], [120.0, 35.0], [250.0, 5.0]]).deg2rad()
-        camera = orbit(angles[:, 0], angles[:, 1], distance=self.cameras.distance, fov=self.cameras.fov, size=128).to(self.device)
+        o = self.cameras
+        camera = orbit([30.0, 120.0, 250.0], [15.0, 35.0, 5.0], o.distance, fov=o.fov, width=128, height=128).to(self.device)
         white = torch.ones(3, device=self.device)
         rgb = render_gaussians(run.params.gaussians(), camera, background=white, backend=self.backend).rgb
         work.image(f"gaussians-{run.step:05d}", torch.cat(list(rgb), 1))

@@ -7,12 +7,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from diffuphy.render.sh import from_rgb
 from diffuphy.text2gs.params import nearest_distance
 from diffuphy.types import N_SH, Gaussians, Look
-
-SH_0 = 0.28209479177387814
-"""Y₀₀ = 1/(2√π): rgb = ½ + Y₀₀ sh."""
-
 
 @dataclass(frozen=True)
 class Ball:
@@ -72,7 +69,7 @@ def cloud(points: Tensor, colours: Tensor | None, opacity: float, sh_degree: int
     quats[:, 0] = 1
     sh = torch.zeros(n, N_SH[sh_degree], 3)
     if colours is not None:
-        sh[:, 0] = (colours - 0.5) / SH_0
+        sh[:, :1] = from_rgb(colours)
     return Gaussians(
         means=points,
         quats=quats,

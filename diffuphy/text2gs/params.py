@@ -8,6 +8,8 @@ from torch import Tensor
 
 from diffuphy.types import Gaussians
 
+MAX_LOGIT = 4.5
+"""Opacity 0.989: the rasteriser caps α at 0.99, beyond which an opacity would have no gradient to come back by."""
 NAMES = ("means", "quats", "log_scales", "logit_opacities", "sh")
 
 
@@ -58,8 +60,14 @@ class Parameters:
 
     # ------------------------------------------------------------------ optimiser
     @torch.no_grad()
-    def step(self, rates: LearningRates, factor: float = 1.0) -> None:
-        """One step of Adam with the gradients that ``backward`` left, times ``factor``; clears them."""
+    def step(self, rates: LearningRates, factor: float = 1.0, *, opaque: float = 0.0) -> None:
+        """One step of Adam with the gradients that ``backward`` left, times ``factor``; clears them.
+
+        Args:
+            opaque: drift of every logit of opacity upwards, as a share of a full step of Adam. Decoupled from the gradient as
+                AdamW's decay is (Loshchilov & Hutter 2019), so that it means the same for every prior and w(t): a Gaussian stays
+                transparent only if the pictures ask for it with a signal-to-noise ratio m/√v above ``opaque``.
+        """
         self.age += 1
         c1, c2 = (1 - b ** self.age.to(torch.float32) for b in self.betas)
         for name, x in self.values.items():
@@ -70,6 +78,7 @@ class Parameters:
             update = (m / c1.view(shape)) / ((v / c2.view(shape)).sqrt_() + self.eps)
             x.sub_(update * self._rate(name, x, rates) * factor)
             x.grad = None
+        self.values["logit_opacities"].add_(rates.logit_opacities * factor * opaque).clamp_(max=MAX_LOGIT)
 
     @staticmethod
     def _rate(name: str, x: Tensor, rates: LearningRates) -> Tensor | float:

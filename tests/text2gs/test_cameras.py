@@ -6,7 +6,8 @@ import pytest
 import torch
 
 from diffuphy.losses.guidance import view_words
-from diffuphy.text2gs.cameras import Orbits, orbit
+from diffuphy.render import orbit
+from diffuphy.text2gs.cameras import Orbits
 
 
 def positions(camera):
@@ -46,16 +47,15 @@ def test_seed_decides_the_bank():
 
 def test_projection_follows_the_field_of_view():
     """A point at half the field of view falls on the border of the picture; +x looks at the front, +y is to its right."""
-    camera = orbit(torch.zeros(1), torch.zeros(1), distance=3.0, fov=40.0, size=64)
+    camera = orbit([0.0], [0.0], 3.0, fov=40.0, width=64, height=64)
     point = torch.tensor([0.0, 3.0 * math.tan(math.radians(20)), 0.0, 1.0])
     p = camera.Ks[0] @ (camera.viewmats[0] @ point)[:3]
     torch.testing.assert_close(p[:2] / p[2], torch.tensor([64.0, 32.0]))
 
 
 def test_view_words_name_the_side():
-    az = torch.tensor([0.0, 44.0, -90.0, 100.0, 170.0, 0.0]).deg2rad()
-    el = torch.tensor([0.0, 10.0, 0.0, 20.0, 0.0, 70.0]).deg2rad()
-    words = view_words(orbit(az, el, distance=3.0, fov=40.0, size=8))
+    camera = orbit([0.0, 44.0, -90.0, 100.0, 170.0, 0.0], [0.0, 10.0, 0.0, 20.0, 0.0, 70.0], 3.0, fov=40.0, width=8, height=8)
+    words = view_words(camera)
     assert words == ("front view", "front view", "side view", "side view", "back view", "overhead view")
 
 
