@@ -129,6 +129,7 @@ class Solver:
     def __init__(self, mixture: Any, boundaries: Sequence[Boundary], gravity: Sequence[float], dtype: torch.dtype, device: torch.device | str):
         if dtype not in REAL:
             raise ValueError(f"a simulation runs in torch.float32 or torch.float64, got {dtype}; convert the particles first")
+        wp.init()
         self.mixture, self.boundaries, self.gravity = mixture, tuple(boundaries), tuple(float(g) for g in gravity)
         self.dtype, self.device, self.real = dtype, torch.device(device), REAL[dtype]
         self.walls = signature(self.boundaries)
