@@ -97,7 +97,7 @@ class Velocity:
     form: Form = "consistent"
     """``consistent``, ``literal`` (eqs 12–14 as printed: punishes all but free fall) or ``momentum``; see above."""
     weight: float = 0.0
-    """λ_vel [s²/m²]; 0.2 in the paper. 0 leaves the loss out: no form teaches the material, the literal one misleads."""
+    """λ_vel [s²/m²]; 0.2 in the paper. 0 leaves the loss out: no form teaches the material, the literal misleads."""
 
     def __post_init__(self) -> None:
         if self.form not in get_args(Form):

@@ -15,7 +15,7 @@ def chain(n):
 
 
 def test_total_variation_is_the_length_of_the_border():
-    """A step of height h on a ring of n, however wide: two borders, seen from both sides, over 2n pairs: L = 4 h / 2n."""
+    """A step of height h on a ring of n, however wide: two borders, each seen twice, over 2n pairs: L = 4 h / 2n."""
     for width in (3, 9):
         y = torch.zeros(20, dtype=torch.float64)
         y[:width] = 0.7

@@ -94,6 +94,18 @@ def test_net_answers_each_query_alone():
     torch.testing.assert_close(some, every[::3], rtol=1e-5, atol=1e-6)
 
 
+def test_patches_are_centred_and_of_unit_size():
+    """Stored p = (x − centre)/r̄: the centre's nearest particles, itself first; the mean reach is 1."""
+    points, labels = burger(dtype=torch.float64)
+    net = SMALL.build(points, guess(labels, torch.float64), (E,))
+    assert not net.groups[:, 0, :3].any()
+    reach = net.groups[..., :3].norm(dim=2).amax(1)
+    torch.testing.assert_close(reach.mean().item(), 1.0, rtol=1e-12, atol=0)
+    x = (points.x - points.x.mean(0)) / (points.x - points.x.mean(0)).abs().max()
+    d = (net.centres[:, None] - x).norm(dim=-1).sort(1).values[:, :8]
+    torch.testing.assert_close(net.groups[..., :3].norm(dim=2) * d[:, -1].mean(), d, rtol=1e-10, atol=1e-12)
+
+
 def test_net_transfers_the_start_of_the_nearest_draft_particle():
     points, labels = burger()
     net = SMALL.build(points, guess(labels), (E,))
