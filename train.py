@@ -1,6 +1,8 @@
 """Make a film from a sentence: ``python train.py prompt="a rubber burger falling"``."""
 
+import sys
+
 from diffuphy.cli import main
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

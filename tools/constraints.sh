@@ -7,7 +7,7 @@ uv=${UV:-uv}
 command -v "$uv" >/dev/null || { echo "error: uv is not on the path; say UV=/path/to/uv $0" >&2; exit 2; }
 env -u UV_FIND_LINKS -u PIP_FIND_LINKS "$uv" --no-config lock --quiet "$@"
 "$uv" --no-config export --quiet --frozen --all-extras --no-hashes --no-emit-project --no-annotate --no-header --output-file constraints.txt
-if grep -nE '://|^-|find-links|\+[a-z0-9]' constraints.txt; then
+if grep -nE '://|^-|==[^ ]*\+' constraints.txt; then
     echo "error: constraints.txt names a host, an option or a local build in the lines above" >&2
     exit 1
 fi

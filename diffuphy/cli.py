@@ -1,0 +1,138 @@
+"""The command line: ``python train.py prompt="a rubber burger falling"``, or ``diffuphy prompt=...`` when installed.
+
+Hydra composes the settings from ``conf/``; everything heavy is imported after that, so help and misspelt settings answer at
+once. A failure that the user can mend is one line on standard error and exit status 2; anything else is a bug of ours and
+keeps its traceback, as does everything with ``HYDRA_FULL_ERROR=1``.
+"""
+
+import hashlib
+import logging
+import os
+import re
+import sys
+import unicodedata
+from collections.abc import Sequence
+from pathlib import Path
+
+import hydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
+from omegaconf import DictConfig, OmegaConf
+
+from diffuphy.quoting import protect
+
+log = logging.getLogger(__name__)
+
+
+def conf_dir() -> Path:
+    """The folder of the settings: ``conf/`` beside the package in a checkout, inside the package when installed."""
+    package = Path(__file__).resolve().parent
+    return next(path for path in (package.parent / "conf", package / "conf") if (path / "train.yaml").exists())
+
+
+def slug(*texts: str) -> str:
+    """A folder name for texts: what is left of them in ASCII, then six hexadecimal digits of their SHA-256.
+
+    The same text always gives the same name, so the same command continues in the same folder. Empty texts do not count.
+    """
+    text = "\n".join(filter(None, texts))
+    ascii_text = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
+    words = re.sub(r"[^a-z0-9]+", "-", ascii_text.lower()).strip("-")[:48].rstrip("-")
+    return "-".join(filter(None, (words, hashlib.sha256(text.encode()).hexdigest()[:6])))
+
+
+OmegaConf.register_new_resolver("slug", slug, replace=True)
+
+
+class Console(logging.StreamHandler):
+    """Lines on standard error that do not tear a progress bar apart."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        from tqdm import tqdm
+
+        tqdm.write(self.format(record), file=sys.stderr)
+
+
+def film(cfg: DictConfig) -> None:
+    """Build the components and run the pipeline; the one place where settings become objects."""
+    folder = Path(HydraConfig.get().runtime.output_dir)
+    from hydra.utils import instantiate
+
+    from diffuphy import pipeline
+    from diffuphy.artifact import Store
+
+    cfg.device = device(cfg.device)
+    components = instantiate(cfg.stages, _convert_="all")
+    store = Store(Path(cfg.store), device=cfg.device)
+    pipeline.run(components, store=store, until=cfg.until, force=list(cfg.force), run_dir=folder)
+    log.info("results: %s", os.path.relpath(folder))
+
+
+def device(name: str) -> str:
+    """``auto`` is the first GPU where there is one."""
+    import torch
+
+    if name != "auto":
+        return name
+    return "cuda" if torch.cuda.is_available() else "cpu"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        argv: arguments without the program's name; by default those of the process.
+
+    Returns:
+        Exit status: 0 done, 2 an error the user can mend, 130 stopped by the keyboard.
+    """
+    arguments = protect(sys.argv[1:] if argv is None else argv)
+    full = os.environ.get("HYDRA_FULL_ERROR")
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra raises instead of printing; what is printed is decided here
+    try:
+        _compose_and_run(arguments)
+        return 0
+    except KeyboardInterrupt:
+        print("\nstopped; run the same command to continue", file=sys.stderr)
+        return 130
+    except (Exception, Failure) as raised:
+        error = raised.error if isinstance(raised, Failure) else raised
+    finally:
+        os.environ.pop("HYDRA_FULL_ERROR") if full is None else os.environ.update(HYDRA_FULL_ERROR=full)
+    from diffuphy.explain import explain
+
+    line = None if full not in (None, "", "0") else explain(error, arguments, conf_dir())
+    if line is None:
+        raise error
+    print(f"error: {line}", file=sys.stderr)
+    return 2
+
+
+def _compose_and_run(arguments: list[str]) -> None:
+    if any(a.startswith("hydra/launcher=ray") for a in arguments):
+        os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")  # else "uv run" makes the workers hang
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    argv, sys.argv = sys.argv, [sys.argv[0], *arguments]
+    try:
+        hydra.main(version_base="1.3", config_path=str(conf_dir()), config_name="train")(_job)()
+    finally:
+        sys.argv = argv
+
+
+class Failure(BaseException):
+    """Carries the error of a single run past Hydra, which would report an ``Exception`` in several lines of its own."""
+
+    def __init__(self, error: Exception):
+        self.error = error
+
+
+def _job(cfg: DictConfig) -> None:
+    """One film. When it fails a run ends at once; a sweep goes on with its other films and ends with the first error."""
+    try:
+        film(cfg)
+    except Exception as error:
+        log.debug("failed", exc_info=True)  # the traceback goes into the log file of the run
+        if HydraConfig.get().mode == RunMode.MULTIRUN:
+            log.error("failed: %s: %s", type(error).__name__, " ".join(str(error).split()))
+            raise
+        raise Failure(error) from None

@@ -1,0 +1,136 @@
+"""Who may import whom. The architecture is this table."""
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "diffuphy"
+FILES = sorted(PACKAGE.rglob("*.py"))
+
+MAY_IMPORT = {
+    "types": set(),
+    "workspace": set(),
+    "artifact": {"workspace"},
+    "quoting": set(),
+    "render": {"types", "workspace"},
+    "material": {"types"},
+    "losses": {"types"},
+    "metrics": {"types"},
+    "mpm": {"types", "material"},
+    "text2gs": {"types", "workspace", "render", "losses"},
+    "probe": {"types", "material", "mpm", "render"},
+    "fit_material": {"types", "workspace", "render", "material", "mpm", "losses", "text2gs", "probe"},
+    "export": {"types", "artifact", "plan", "render"},
+    "plan": {"types", "artifact", "material", "mpm", "render", "losses", "text2gs", "probe", "fit_material"},
+    "pipeline": {
+        "types",
+        "workspace",
+        "artifact",
+        "plan",
+        "export",
+        "render",
+        "material",
+        "mpm",
+        "losses",
+        "text2gs",
+        "fit_material",
+    },
+    "explain": set(),
+    "cli": {"quoting", "explain", "artifact", "pipeline"},
+    "__init__": set(),
+    "__main__": {"cli"},
+}
+"""``artifact`` knows no physics, ``material`` no simulation, ``losses`` no physics; only the last five know everything."""
+
+HEAVY = {
+    "accelerate": (),
+    "diffusers": ("losses/guidance/",),
+    "gsplat": ("render/",),
+    "huggingface_hub": ("losses/guidance/", "metrics/", "text2gs/refine/"),
+    "imageio": ("render/", "report"),
+    "lpips": ("metrics/",),
+    "matplotlib": ("report",),
+    "open_clip": ("metrics/", "losses/guidance/"),
+    "openai": ("text2gs/refine/",),
+    "torchmetrics": ("metrics/",),
+    "torchvision": ("losses/", "metrics/"),
+    "transformers": ("losses/guidance/", "metrics/", "text2gs/refine/"),
+    "viser": ("viewer", "render/", "report"),
+}
+"""Packages that cost seconds or are optional: imported inside functions, and only in these places."""
+
+
+def imports(tree: ast.AST, path: Path) -> Iterator[str]:
+    """Every module a syntax tree imports, by its absolute name."""
+    package = ["diffuphy", *path.relative_to(PACKAGE).parent.parts]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) + 1 - node.level] if node.level else []
+            module = ".".join([*base, node.module] if node.module else base)
+            yield module
+            yield from (f"{module}.{alias.name}" for alias in node.names)
+
+
+def module_level(tree: ast.Module) -> ast.Module:
+    """The statements that run at import: everything outside functions."""
+
+    class Strip(ast.NodeTransformer):
+        def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
+            return None
+
+        visit_AsyncFunctionDef = visit_FunctionDef
+
+    return Strip().visit(tree)
+
+
+def unit(path: Path) -> str:
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_imports_go_one_way(path):
+    here = unit(path)
+    assert here in MAY_IMPORT, f"{here} has no line in the table: say what it may import"
+    siblings = {unit(p) for p in FILES}
+    for name in imports(ast.parse(path.read_text(encoding="utf-8")), path):
+        parts = name.split(".")
+        if parts[0] == "diffuphy" and len(parts) > 1 and parts[1] in siblings and parts[1] != here:
+            assert parts[1] in MAY_IMPORT[here], f"{path.relative_to(ROOT)} imports diffuphy.{parts[1]}"
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_heavy_packages_stay_in_their_backend(path):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    where = path.relative_to(PACKAGE).as_posix()
+    everywhere = {name.split(".")[0] for name in imports(tree, path)}
+    for package in everywhere & set(HEAVY):
+        assert where.startswith(HEAVY[package]), f"{where} imports {package}, which belongs to {HEAVY[package]}"
+    at_import = {name.split(".")[0] for name in imports(module_level(tree), path)}
+    assert not at_import & set(HEAVY), f"{where} imports {sorted(at_import & set(HEAVY))} at module level"
+
+
+def loaded_after(statement: str, *packages: str) -> list[str]:
+    """Which of ``packages`` a fresh interpreter has loaded after ``statement``."""
+    code = f"{statement}\nimport sys\nprint(*(p for p in {packages!r} if p in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    return done.stdout.split()
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    assert loaded_after("import diffuphy", "torch", "warp", "numpy", "hydra", *HEAVY) == []
+
+
+def test_importing_the_command_line_loads_no_torch():
+    assert loaded_after("import diffuphy.cli", "torch", "warp", "numpy", "scipy", *HEAVY) == []
+
+
+def test_importing_the_pipeline_loads_no_backend():
+    """The embedded prior answers without diffusers, transformers and the like."""
+    assert loaded_after("import diffuphy.pipeline", *HEAVY) == []
