@@ -10,15 +10,20 @@ from .elastic import ELASTIC
 from .expert import Elastic, Layout, Param, Plastic
 from .mixture import Mixture, make_mixture, rate_gate, wave_speed
 from .plastic import PLASTIC
+from .presets import PRESETS, Preset, candidates, lookup
 
 __all__ = [
     "ELASTIC",
     "PLASTIC",
+    "PRESETS",
     "Elastic",
     "Layout",
     "Mixture",
     "Param",
     "Plastic",
+    "Preset",
+    "candidates",
+    "lookup",
     "make_mixture",
     "rate_gate",
     "wave_speed",

@@ -39,13 +39,15 @@ from .plastic import PLASTIC
 class Mixture:
     """Warp types and functions of one set of laws at one precision; made by :func:`make_mixture`."""
 
-    elastic: tuple[str, ...]
-    plastic: tuple[str, ...]
+    laws_e: tuple[str, ...]
+    """Names of the elastic laws, columns of w_e."""
+    laws_p: tuple[str, ...]
+    """Names of the plastic laws, columns of w_p."""
     params: tuple[str, ...]
     """Names of the parameters, in the order of θ."""
     decomposes: bool
     """False if every law has a direct form: then no principal frame is computed."""
-    is_plastic: bool
+    plastic: bool
     """False if nothing can flow: then Fe is F_trial itself."""
     real: Any
     vec3: Any
@@ -71,11 +73,15 @@ class Mixture:
 
     @property
     def Ke(self) -> int:
-        return len(self.elastic)
+        return len(self.laws_e)
 
     @property
     def Kp(self) -> int:
-        return len(self.plastic)
+        return len(self.laws_p)
+
+    @property
+    def is_plastic(self) -> bool:
+        return self.plastic
 
 
 def _known(names: tuple[str, ...], registry: dict[str, Any], kind: str) -> tuple[Any, ...]:

@@ -1,0 +1,73 @@
+"""The laws in torch, one matrix at a time or in batches: what the Warp functions are tested against.
+
+All functions take F of shape (..., 3, 3) with det F > 0 and parameters by name, each a float or of shape (...,). They go
+through a singular value decomposition: exact in value everywhere, not meant to be differentiated at equal stretches.
+"""
+
+from collections.abc import Mapping
+from typing import TypeVar
+
+import torch
+from torch import Tensor
+
+from . import moduli
+from .elastic import ELASTIC
+from .expert import Elastic, Plastic
+from .plastic import PLASTIC
+
+Law = TypeVar("Law", Elastic, Plastic)
+
+
+def kirchhoff(F: Tensor, law: str, params: Mapping[str, float | Tensor]) -> Tensor:
+    """Kirchhoff stress τ = P Fᵀ = U diag(T) Uᵀ [Pa], shape (..., 3, 3), of one elastic law.
+
+    Raises:
+        ValueError: unknown law, missing or impossible parameter, det F ≤ 0.
+    """
+    found, theta = _law(law, ELASTIC, params, F)
+    U, s, _ = _svd(F)
+    return (U * found.stress(s.log(), theta)[..., None, :]) @ U.mT
+
+
+def energy(F: Tensor, law: str, params: Mapping[str, float | Tensor]) -> Tensor:
+    """Stored energy ψ per unit rest volume [Pa], shape (...,), of one elastic law. Raises as :func:`kirchhoff`."""
+    found, theta = _law(law, ELASTIC, params, F)
+    return found.energy(_svd(F)[1].log(), theta)
+
+
+def return_map(F: Tensor, law: str, params: Mapping[str, float | Tensor], dt: float = 0.0) -> Tensor:
+    """Elastic deformation after the return map, Fe = U diag(z) Vᵀ with ln z = e + b − a ê, shape (..., 3, 3).
+
+    Args:
+        dt: time over which a viscous law flows [s].
+
+    Raises as :func:`kirchhoff`.
+    """
+    found, theta = _law(law, PLASTIC, params, F)
+    U, s, Vh = _svd(F)
+    e = s.log()
+    tr = e.sum(-1)
+    dev = e - tr[..., None] / 3
+    a, b = found.flow(dev.norm(dim=-1), tr, theta, dt)
+    return (U * torch.exp(e + b[..., None] - a[..., None] * dev)[..., None, :]) @ Vh
+
+
+def _law(
+    name: str, registry: Mapping[str, Law], params: Mapping[str, float | Tensor], F: Tensor
+) -> tuple[Law, dict[str, Tensor]]:
+    if name not in registry:
+        raise ValueError(f"unknown law {name!r}; known: {', '.join(registry)}")
+    law = registry[name]
+    if missing := [p.name for p in law.params if p.name not in params]:
+        raise ValueError(f"{name} needs {', '.join(p.name for p in law.params)}; {missing[0]!r} is missing")
+    theta = {p.name: torch.as_tensor(params[p.name], dtype=F.dtype, device=F.device) for p in law.params}
+    if "E" in theta:
+        moduli.check(theta)
+    return law, theta
+
+
+def _svd(F: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    det = torch.linalg.det(F)
+    if not bool((det > 0).all()):
+        raise ValueError(f"det F must be positive, got {float(det.min()):g}: such a state of matter does not exist")
+    return torch.linalg.svd(F)
