@@ -1,0 +1,111 @@
+"""Does the material stage find what the reference clip is made of?
+
+    python benchmarks/identify.py stiffness      # one-material burger, enumeration off, three starts
+    python benchmarks/identify.py experts        # four balls, enumeration on, two seeds
+    python benchmarks/identify.py gravel         # weight on Drucker–Prager
+
+Objects come straight from the procedural library (no distillation), so that only the material stage is measured. The
+reference is the same drop with another draw of particles. Writes docs/benchmarks/identify_<what>.json.
+"""
+
+import argparse
+import json
+import platform
+import time
+from pathlib import Path
+
+import torch
+
+from diffuphy.fit_material import FitMaterial
+from diffuphy.losses.guidance.analytic import Analytic
+from diffuphy.losses.velocity import Velocity
+from diffuphy.material import PRESETS
+from diffuphy.mpm.sample import Sample
+from diffuphy.text2gs.shapes import Library
+from diffuphy.types import Gaussians, Look, MaterialField, Motion
+from diffuphy.workspace import Workspace
+
+PLASTIC = ("identity", "von_mises", "drucker_prager", "fluid")
+
+
+def dressed(subject: str, *, count: int = 3000, seed: int = 0) -> tuple[Look, Gaussians]:
+    """A library object as Gaussians on its surface, round, opaque, in the object's colours."""
+    look = Look(subject, f"a {subject}")
+    points, colors = Library().object(look).surface(count, torch.Generator().manual_seed(seed))
+    spacing = torch.tensor((12.0 / count) ** 0.5)  # a body of side 2 has a surface of about 12
+    n = len(points)
+    return look, Gaussians(
+        points,
+        torch.tensor([1.0, 0, 0, 0]).repeat(n, 1),
+        (0.6 * spacing).log().expand(n, 3).clone(),
+        torch.full((n,), 4.0),
+        ((colors - 0.5) / 0.28209479)[:, None, :],
+    )
+
+
+def fit(subject: str, material: str, **settings: object) -> tuple[MaterialField, dict[str, float], float]:
+    """Fit the material of a library object; returns field, the stage's numbers and its seconds."""
+    look, gaussians = dressed(subject)
+    motion = Motion("falling", f"a {material} {subject} falling", {"": material})
+    particles = Sample()(gaussians, motion, work=Workspace())
+    component = FitMaterial(guidance=Analytic(layout="clip", s=0.0), library=Library(), velocity=Velocity(weight=0.0), **settings)  # type: ignore[arg-type]
+    start = time.perf_counter()
+    field = component(look, motion, gaussians, particles, work=Workspace(progress=True))
+    return field, {}, time.perf_counter() - start
+
+
+def weights(field: MaterialField) -> dict[str, float]:
+    return dict(zip(field.plastic, field.w_p.mean(0).tolist(), strict=True))
+
+
+def stiffness(steps: int) -> list[dict]:
+    """log10 E of a rubber burger from three starts, without a scan."""
+    preset = PRESETS["rubber"]
+    truth = torch.tensor(preset.E).log10().item()
+    rows = []
+    for start in (truth - 1.9, truth - 1.0, min(truth + 0.7, 6.2)):
+        field, _, seconds = fit(
+            "burger", "rubber", elastic=(preset.elastic,), plastic=("identity",), stiffness_steps=0, start=start, steps=steps
+        )
+        found = field.theta["E"].log10()
+        rows.append({"start": start, "truth": truth, "found": found.mean().item(), "spread": found.std().item(), "seconds": seconds})
+        print(f"start {start:.2f}  truth {truth:.2f}  found {found.mean():.3f} ± {found.std():.3f}  {seconds:.0f} s", flush=True)
+    return rows
+
+
+def experts(steps: int) -> list[dict]:
+    """The right plastic expert for four balls, two seeds each."""
+    rows = []
+    for material in ("jelly", "plasticine", "sand", "water"):
+        preset = PRESETS[material]
+        for seed in (0, 1):
+            field, _, seconds = fit("ball", material, elastic=(preset.elastic,), plastic=PLASTIC, steps=steps, seed=seed)
+            found = weights(field)
+            best = max(found, key=found.__getitem__)
+            rows.append({"material": material, "seed": seed, "truth": preset.plastic, "found": found, "seconds": seconds,
+                         "log10_E": field.theta["E"].log10().mean().item()})  # fmt: skip
+            mark = "right" if best == preset.plastic else "WRONG"
+            print(f"{material:<11} seed {seed}  {best:<15} {mark}  {found}  {seconds:.0f} s", flush=True)
+    return rows
+
+
+def gravel(steps: int) -> list[dict]:
+    preset = PRESETS["gravel"]
+    field, _, seconds = fit("gravel pile", "gravel", elastic=(preset.elastic,), plastic=PLASTIC, steps=steps)
+    print(f"gravel {weights(field)}  {seconds:.0f} s")
+    return [{"found": weights(field), "seconds": seconds}]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("stiffness", "experts", "gravel"))
+    parser.add_argument("--steps", type=int, default=40)
+    options = parser.parse_args()
+    rows = {"stiffness": stiffness, "experts": experts, "gravel": gravel}[options.what](options.steps)
+    out = Path(__file__).resolve().parents[1] / "docs" / "benchmarks" / f"identify_{options.what}.json"
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text(json.dumps({"machine": platform.processor() or platform.machine(), "steps": options.steps, "rows": rows}, indent=1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,367 @@
+"""The stage that finds out what the object is made of.
+
+    probe the object → scan experts × stiffness, forward only → refine a network inside the best basin → harden
+
+The scan finds the basin, the gradient the bottom of it. The gradient runs the whole way back: pixels → Gaussians →
+trajectory → MPM adjoint → mixture → decoder → encoder. DiffuPhyGS (2025), §3.3–3.4; recipe and failures: docs/learning.md.
+"""
+
+import dataclasses
+import itertools
+import logging
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from diffuphy.losses.sds import Weight, sds
+from diffuphy.losses.velocity import Velocity
+from diffuphy.material import ELASTIC, PLASTIC, Param
+from diffuphy.material.decoder import bounded, inside
+from diffuphy.material.encoder import Points, features
+from diffuphy.material.field import Hypothesis, harden, prune, take, warm_start
+from diffuphy.material.net import MaterialNet, Net
+from diffuphy.material.patches import color_clusters, nearest
+from diffuphy.probe import Bench, Probe, TableClips, table_field
+from diffuphy.types import Gaussians, Look, MaterialField, Motion, Particles
+from diffuphy.workspace import Workspace
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class FitMaterial:
+    """Settings of the material stage."""
+
+    VERSION: ClassVar[int] = 1
+
+    guidance: Any
+    """Video prior (``losses.guidance``); the analytic one is given the probe's reference clips."""
+    library: Any = None
+    """Knows the parts of an object (``text2gs.shapes.Library``); None: one material for the whole object."""
+    net: Net = field(default_factory=Net)
+    """The material network."""
+    probe: Probe = field(default_factory=Probe)
+    """The experiment the clip shows."""
+    velocity: Velocity | None = None
+    """Velocity loss; None or weight 0 leaves it out."""
+    elastic: tuple[str, ...] = ()
+    """Candidate elastic experts; () lets the plan choose from the prompt."""
+    plastic: tuple[str, ...] = ()
+    """Candidate plastic experts; () lets the plan choose from the prompt."""
+    stiffness: tuple[float, float] = (3.5, 6.3)
+    """Range of log10 E [Pa]: softer inverts on impact, stiffer costs more substeps than a film shows."""
+    stiffness_steps: int = 6
+    """Values of log10 E in the scan; 0 leaves the scan out."""
+    start: float = 5.2
+    """log10 E to start from without a scan [Pa]; the stiff side is the safe side."""
+    regions: int = 2
+    """Most regions, by colour, that get hypotheses of their own; 1 when the prompt names one material."""
+    scan_frames: int = 8
+    """Frames of the scan's clips: impact and rebound."""
+    steps: int = 40
+    """Optimiser steps; 0 leaves the training out."""
+    lr: float = 2e-3
+    """Learning rate of the network; 1e-2 oscillates."""
+    lr_region: float = 0.08
+    """Learning rate of each region's common shift of its parameters."""
+    curriculum: tuple[int, ...] = ()
+    """Frames of the clip in equal parts of the run; () is all frames after a scan, 5-7-9-all without one."""
+    weight: Weight = "x0"
+    """w(t) of the distillation; σ/α makes the gradient of the exact prior that of a squared error."""
+    t_range: tuple[float, float] = (0.02, 0.98)
+    """Diffusion times drawn from."""
+    gate_time: float = 1 / 30
+    """Reference time of the rate-form plastic gates while training [s]; the film runs hardened weights."""
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        lo, hi = self.stiffness
+        if not 0 < lo < hi < 12:
+            raise ValueError(f"material.stiffness must be log10 Pa with lo < hi, e.g. (3.5, 6.3), got {self.stiffness}")
+        if not lo < self.start < hi:
+            raise ValueError(f"material.start must lie inside material.stiffness {self.stiffness}, got {self.start}")
+        if self.steps < 0 or self.stiffness_steps < 0 or self.regions < 1:
+            raise ValueError(
+                f"material.steps and stiffness_steps must be ≥ 0 and regions ≥ 1, "
+                f"got {self.steps}, {self.stiffness_steps}, {self.regions}"
+            )
+        if self.scan_frames > self.probe.frames:
+            raise ValueError(f"material.scan_frames = {self.scan_frames} exceeds probe.frames = {self.probe.frames}")
+
+    # ------------------------------------------------------------------ the stage
+    def __call__(
+        self, look: Look, motion: Motion, gaussians: Gaussians, particles: Particles, *, work: Workspace
+    ) -> MaterialField:
+        """Fit the material field of all ``particles``.
+
+        Returns:
+            One-hot on experts (so that the film does not depend on the time step), unused experts pruned.
+        """
+        bench = self.probe.bench(gaussians, particles, motion.size)
+        table = self._candidates(table_field(self.library, look, motion, bench.draft))
+        guidance = self._guidance(look, motion, gaussians, particles)
+        cond = Conditions(guidance, motion, bench)
+        points = appearance(gaussians, bench.draft)
+        labels = self._labels(motion, points)
+
+        state = work.load() or {"step": 0, "chosen": self._scan(bench, cond, table, labels, work)}
+        chosen = [Hypothesis(**h) for h in state["chosen"]]
+        net, shift = self._train(bench, cond, points, labels, chosen, state, work)
+
+        with torch.no_grad():
+            draft = harden(self._field(net, shift, labels))
+            self._verdict(bench, cond, draft, table, work)
+            return self._film_field(net, shift, labels, gaussians, particles, bench)
+
+    def _candidates(self, table: MaterialField) -> MaterialField:
+        """The table's field with one column for each candidate expert."""
+        elastic = self.elastic or table.elastic
+        plastic = self.plastic or table.plastic
+
+        def columns(names: Sequence[str], have: Sequence[str], w: Tensor) -> Tensor:
+            missing = [n for n in have if n not in names and bool((w[:, have.index(n)] > 0).any())]
+            if missing:
+                raise ValueError(f"the table needs expert {missing[0]!r}, which is not among the candidates {tuple(names)}")
+            zero = torch.zeros_like(w[:, 0])
+            return torch.stack([w[:, have.index(n)] if n in have else zero for n in names], 1)
+
+        theta = dict(table.theta)
+        for p in parameters(elastic, plastic):
+            theta.setdefault(p.name, torch.full_like(table.rho, p.default))
+        return MaterialField(
+            tuple(elastic),
+            tuple(plastic),
+            columns(elastic, table.elastic, table.w_e),
+            columns(plastic, table.plastic, table.w_p),
+            theta,
+            table.rho,
+        )
+
+    def _guidance(self, look: Look, motion: Motion, gaussians: Gaussians, particles: Particles) -> Any:
+        """The prior; the analytic one knows clips of the probe by heart, simulated with another draw of particles."""
+        if getattr(self.guidance, "references", 0) is not None:
+            return self.guidance
+        other = dataclasses.replace(self.probe, seed=self.probe.seed + 1).bench(gaussians, particles, motion.size)
+        table = self._candidates(table_field(self.library, look, motion, other.draft))
+        return dataclasses.replace(self.guidance, references=TableClips(other, table))
+
+    def _labels(self, motion: Motion, points: Points) -> Tensor:
+        """Region of each draft particle: colour clusters, as many as the prompt has materials."""
+        k = min(self.regions, len(set(motion.materials.values())))
+        return color_clusters(points.f[:, 7:10], k)[0]
+
+    # ------------------------------------------------------------------ forward only: find the basin
+    def _scan(self, bench: Bench, cond: "Conditions", table: MaterialField, labels: Tensor, work: Workspace) -> list[dict]:
+        """Score every combination of plastic expert × stiffness over the regions; return the best, one per region."""
+        regions = [table_values(table, labels == r) for r in range(int(labels.max()) + 1)]
+        if not self.stiffness_steps:
+            start = {"elastic": None, "plastic": None}
+            return [start | {"theta": theta | {"E": 10**self.start}, "rho": rho} for theta, rho in regions]
+        lo, hi = self.stiffness
+        grid = torch.linspace(lo + 0.1, hi - 0.1, self.stiffness_steps, dtype=torch.float64).tolist()
+        single = list(itertools.product(table.plastic, grid))
+        pairs = list(itertools.product(single, repeat=len(regions)))
+
+        def hypotheses(pair: tuple) -> list[dict]:
+            return [
+                {"elastic": table.elastic[0], "plastic": plastic, "theta": theta | {"E": 10**log_E}, "rho": rho}
+                for (plastic, log_E), (theta, rho) in zip(pair, regions, strict=True)
+            ]
+
+        def score(pair: tuple) -> float:
+            guess = warm_start(table.elastic, table.plastic, labels, [Hypothesis(**h) for h in hypotheses(pair)])
+            with torch.no_grad():
+                clip = bench.clip(prune(guess).field, self.scan_frames)
+                return float(cond.distil(clip, t=0.5, noise=cond.fixed_noise(clip), weight=self.weight))
+
+        scores = []
+        cond.prepare(self.scan_frames)
+        with work.bar(len(pairs), "material: scan") as bar, ThreadPoolExecutor(2) as pool:
+            for pair, value in zip(pairs, pool.map(score, pairs), strict=True):
+                scores.append(value)
+                bar.update()
+                work.log(len(scores), scan=value, hypothesis=str([f"{p} E=1e{e:.2f}" for p, e in pair]))
+        best = min(range(len(pairs)), key=scores.__getitem__)
+        log.info("material: scanned %d hypotheses, best %s", len(pairs), [f"{p} E=1e{e:.2f} Pa" for p, e in pairs[best]])
+        return hypotheses(pairs[best])
+
+    # ------------------------------------------------------------------ full gradient: find the bottom
+    def _train(
+        self,
+        bench: Bench,
+        cond: "Conditions",
+        points: Points,
+        labels: Tensor,
+        chosen: list[Hypothesis],
+        state: dict,
+        work: Workspace,
+    ) -> tuple[MaterialNet, Tensor]:
+        """Refine the network and each region's shift by video SDS and the velocity loss, continuing from ``state``."""
+        start = warm_start(self.elastic, self.plastic, labels, chosen)
+        learn = [self._param_E()]
+        start = dataclasses.replace(start, theta=inside(learn, start.theta))
+        net = self.net.build(points, start, learn)
+        shift = torch.zeros(len(chosen), device=points.x.device, requires_grad=True)
+        groups = [{"params": list(net.parameters()), "lr": self.lr}, {"params": [shift], "lr": self.lr_region}]
+        optimiser = torch.optim.Adam(groups, betas=(0.9, 0.95))
+        generator = torch.Generator().manual_seed(self.seed)
+        if "net" in state:
+            net.load_state_dict(state["net"])
+            optimiser.load_state_dict(state["optimiser"])
+            generator.set_state(state["rng"])
+            with torch.no_grad():
+                shift.copy_(state["shift"])
+
+        with work.bar(self.steps, "material: train", initial=state["step"]) as bar:
+            for step in range(state["step"], self.steps):
+                for group, rate in zip(optimiser.param_groups, (self.lr, self.lr_region), strict=True):
+                    group["lr"] = rate * min(1.0, (step + 1) / 4) * (1 - 0.9 * step / self.steps)
+                frames = self._frames(step)
+                field = self._field(net, shift, labels)
+                trajectory = bench.simulate(field, frames, gate_time=self.gate_time)
+                t = self.t_range[0] + (self.t_range[1] - self.t_range[0]) * float(torch.rand((), generator=generator))
+                loss = distilled = cond.distil(bench.film(trajectory), t=t, generator=generator, weight=self.weight)
+                if self.velocity is not None and self.velocity.weight:
+                    loss = loss + bench.velocity_loss(self.velocity, trajectory, field)
+                optimiser.zero_grad()
+                loss.backward()
+                norm = torch.nn.utils.clip_grad_norm_([*net.parameters(), shift], 1.0, error_if_nonfinite=True)
+                optimiser.step()
+                bar.update()
+                work.log(step, loss=float(distilled), total=float(loss), grad=float(norm), **summary(field))
+                if work.due() or step + 1 == self.steps:
+                    work.save(
+                        {
+                            "step": step + 1,
+                            "chosen": [dataclasses.asdict(h) for h in chosen],
+                            "net": net.state_dict(),
+                            "shift": shift.detach(),
+                            "optimiser": optimiser.state_dict(),
+                            "rng": generator.get_state(),
+                        }
+                    )
+        return net, shift.detach()
+
+    def _frames(self, step: int) -> int:
+        """Frames shown at this step: short clips first, when the start may be far away."""
+        everything = self.probe.frames
+        stages = self.curriculum or ((everything,) if self.stiffness_steps else (5, 7, 9, everything))
+        return min(everything, stages[min(len(stages) - 1, step * (len(stages) + 1) // max(self.steps, 1))])
+
+    def _param_E(self) -> Param:
+        """Young's modulus with the bounds of this fit."""
+        E = next(p for p in ELASTIC[self.elastic[0]].params if p.name == "E")
+        return dataclasses.replace(E, lo=10 ** self.stiffness[0], hi=10 ** self.stiffness[1])
+
+    def _field(self, net: MaterialNet, shift: Tensor, labels: Tensor, points: Points | None = None) -> MaterialField:
+        """What the network says, each region moved as a whole by its shift."""
+        field = net() if points is None else net(points)
+        E = bounded(self._param_E(), field.theta["E"], shift[labels], self.net.param_gain)
+        return dataclasses.replace(field, theta=field.theta | {"E": E})
+
+    def _film_field(
+        self, net: MaterialNet, shift: Tensor, labels: Tensor, gaussians: Gaussians, particles: Particles, bench: Bench
+    ) -> MaterialField:
+        """The trained field at all particles, hardened and pruned."""
+        parent = nearest(particles.x, bench.draft.x, 1)[1][:, 0]
+        field = self._field(net, shift, labels[parent], appearance(gaussians, particles))
+        pruned = prune(harden(field))
+        for name in pruned.dropped:
+            log.info("material: expert %s left out of the film (largest weight %.1e)", name, pruned.peaks[name])
+        return pruned.field
+
+    # ------------------------------------------------------------------ how good is it
+    def _verdict(
+        self, bench: Bench, cond: "Conditions", field: MaterialField, table: MaterialField, work: Workspace
+    ) -> None:
+        """Hardened loss, held-out motion, and the loss at the table's own parameters: below that one fits discretisation."""
+        clip = bench.clip(prune(field).field)
+        numbers = {"hardened_loss": float(cond.distil(clip, t=0.5, noise=cond.fixed_noise(clip), weight=self.weight))}
+        if isinstance(getattr(cond.guidance, "references", None), TableClips):
+            own = bench.clip(prune(table).field)
+            numbers["loss_at_table"] = float(cond.distil(own, t=0.5, noise=cond.fixed_noise(own), weight=self.weight))
+            other = dataclasses.replace(self.probe, speed=1.7 * self.probe.speed, tilt=0.25).scene(bench.scene.dx, bench.size)
+            mine, theirs = (bench.film(bench.simulate(prune(f).field, scene=other)) for f in (field, table))
+            numbers["held_out_motion"] = float(((mine - theirs) ** 2).mean())
+        work.summary(numbers | summary(field))
+
+
+class Conditions:
+    """The video prior's condition for clips of the probe's first frames, made once for each length."""
+
+    def __init__(self, guidance: Any, motion: Motion, bench: Bench):
+        self.guidance, self.motion, self.bench = guidance, motion, bench
+        self._made: dict[int, Any] = {}
+
+    def prepare(self, frames: int) -> Any:
+        if frames not in self._made:
+            camera = self.bench.camera[[0] * frames]
+            generator = torch.Generator().manual_seed(0)
+            self._made[frames] = self.guidance.condition(self.motion, camera, self.bench.background, generator=generator)
+        return self._made[frames]
+
+    def fixed_noise(self, clip: Tensor) -> Tensor:
+        """The same noise for every clip of this length, so that hypotheses are compared and not luck."""
+        z = self.guidance.encode(clip[None])
+        return torch.randn(z.shape, generator=torch.Generator().manual_seed(1)).to(z)
+
+    def distil(self, clip: Tensor, *, t: float, weight: Weight, **noise: Any) -> Tensor:
+        """Score distillation of one clip (T, H, W, 3); its gradient is per pixel, so clips of any length weigh the same."""
+        times = torch.tensor([t], device=clip.device)
+        value = sds(self.guidance, clip[None], self.prepare(len(clip)), t=times, weight=weight, **noise)
+        return value.detach() + (value - value.detach()) / clip.numel()
+
+
+def parameters(elastic: Sequence[str], plastic: Sequence[str]) -> list[Param]:
+    """Parameters of these experts, each name once."""
+    found = {p.name: p for law in (*(ELASTIC[n] for n in elastic), *(PLASTIC[n] for n in plastic)) for p in law.params}
+    return list(found.values())
+
+
+def table_values(table: MaterialField, where: Tensor) -> tuple[dict[str, float], float]:
+    """Mean parameters and density of one region."""
+    return {k: float(v[where].mean()) for k, v in table.theta.items()}, float(table.rho[where].mean())
+
+
+def summary(field: MaterialField) -> dict[str, float]:
+    """Mean log10 E and mean weight of each expert, for the log."""
+    log_E = field.theta["E"].detach().log10()
+    weights = zip((*field.elastic, *field.plastic), (*field.w_e.detach().mean(0), *field.w_p.detach().mean(0)), strict=True)
+    return {"log10_E": float(log_E.mean()), **{f"w_{name}": float(w) for name, w in weights}}
+
+
+def appearance(gaussians: Gaussians, particles: Particles) -> Points:
+    """What the network sees of each particle: its Gaussian, or the nearest one for interior filler."""
+    means = gaussians.means * particles.scale + particles.x.new_tensor(particles.offset)
+    index = particles.gaussian.clone()
+    filler = index < 0
+    if bool(filler.any()):
+        index[filler] = nearest(particles.x[filler], means, 1)[1][:, 0]
+    chosen = take_gaussians(gaussians, index)
+    colors = (0.5 + 0.28209479 * chosen.sh[:, 0]).clamp(0, 1)
+    return features(particles.x, colors, chosen.logit_opacities.sigmoid(), covariance(chosen) * particles.scale**2)
+
+
+def take_gaussians(gaussians: Gaussians, index: Tensor) -> Gaussians:
+    return Gaussians(*(getattr(gaussians, f.name)[index] for f in dataclasses.fields(gaussians)))
+
+
+def covariance(gaussians: Gaussians) -> Tensor:
+    """Σ = R S² Rᵀ, shape (G, 3, 3), in the unit of the means."""
+    w, x, y, z = torch.nn.functional.normalize(gaussians.quats, dim=1).unbind(1)
+    R = torch.stack(
+        [
+            1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+            2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+            2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
+        ],
+        1,
+    ).view(-1, 3, 3)  # fmt: skip
+    return (R * (2 * gaussians.log_scales).exp()[:, None, :]) @ R.mT
+
+
+__all__ = ["FitMaterial", "take"]

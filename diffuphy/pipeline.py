@@ -1,0 +1,73 @@
+"""The table of the six stages, and the run that walks along it."""
+
+import logging
+import os
+from pathlib import Path
+from typing import Any
+
+from diffuphy.artifact import Done, Stage, Store
+from diffuphy.plan import Line, Plan, make_plan, stage_lines
+from diffuphy.types import Clip, Gaussians, MaterialField, Particles, Prompt, Trajectory
+
+log = logging.getLogger(__name__)
+
+
+def stages(components: dict[str, Any]) -> list[Stage]:
+    """Prompt → Gaussians → particles → material → trajectory → clip."""
+    c = components
+    return [
+        Stage("prompt", Prompt, c["prompt"]),
+        Stage("gaussians", Gaussians, c["gaussians"], ("prompt.look",)),
+        Stage("particles", Particles, c["particles"], ("gaussians", "prompt.motion")),
+        Stage("material", MaterialField, c["material"], ("prompt.look", "prompt.motion", "gaussians", "particles")),
+        Stage("trajectory", Trajectory, c["trajectory"], ("prompt.motion", "particles", "material")),
+        Stage("clip", Clip, c["clip"], ("gaussians", "particles", "trajectory")),
+    ]
+
+
+def run(
+    components: dict[str, Any],
+    *,
+    store: Store,
+    until: str = "clip",
+    force: list[str] | None = None,
+    run_dir: Path | None = None,
+) -> tuple[list[Done], Plan]:
+    """Run the stages a scene needs, up to ``until``.
+
+    Args:
+        components: one component a stage, by stage name.
+        until: last stage to run.
+        force: stages to run even if their result is stored.
+        run_dir: where links to the results, the plan and its text go.
+    """
+    force = list(force or [])
+    first = stages(components)
+    store.run(first, "prompt", force=[f for f in force if f == "prompt"])
+    prompt_path = store.look_up(first)["prompt"]
+    plan = make_plan(components, Prompt.load(prompt_path))
+    table = stages(plan.components)
+    cached = store.look_up(table)
+    plan = Plan(plan.components, (*stage_lines(table, cached, until, force), *plan.lines))
+    log.info("%s", plan)
+    if run_dir is not None:
+        run_dir.mkdir(parents=True, exist_ok=True)
+        plan.save(run_dir / "plan.json")
+    done = store.run(table, until, force=[f for f in force if f != "prompt"])
+    if run_dir is not None:
+        for number, d in enumerate(done, 1):
+            _link(run_dir / f"{number}_{d.name}", d.path)
+    return done, plan
+
+
+def _link(link: Path, target: Path) -> None:
+    """Point ``link`` at ``target``, relatively; on file systems without links write the path into a text file."""
+    relative = os.path.relpath(target, link.parent)
+    link.unlink(missing_ok=True)
+    try:
+        link.symlink_to(relative, target_is_directory=True)
+    except OSError:
+        link.with_suffix(".path.txt").write_text(relative + "\n", encoding="utf-8")
+
+
+__all__ = ["Line", "run", "stages"]

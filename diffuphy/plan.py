@@ -1,0 +1,150 @@
+"""What this scene needs, what is left out, and why; decided before anything heavy starts.
+
+A plan takes the composed components and the refined prompt, replaces every setting that was left open (``None``) by what
+the scene needs, and says so line by line. The pipeline then runs the components *of the plan*: it is obeyed by construction.
+"""
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from diffuphy.artifact import Stage
+from diffuphy.material import make_mixture
+from diffuphy.material.presets import candidates
+from diffuphy.types import Motion, Prompt
+
+
+@dataclass(frozen=True)
+class Line:
+    """One decision."""
+
+    what: str
+    """The part of the system decided on."""
+    decision: str
+    """``run``, ``cached``, ``kept``, ``left out`` or a value."""
+    why: str
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Components with nothing left open, and the reasons."""
+
+    components: dict[str, Any]
+    lines: tuple[Line, ...]
+
+    def __str__(self) -> str:
+        width = [max(len(getattr(line, f)) for line in self.lines) for f in ("what", "decision")]
+        rows = (f"  {line.what:<{width[0]}}  {line.decision:<{width[1]}}  {line.why}" for line in self.lines)
+        return "plan\n" + "\n".join(rows)
+
+    def save(self, path: Path) -> None:
+        path.write_text(json.dumps([dataclasses.asdict(line) for line in self.lines], indent=1, ensure_ascii=False))
+
+
+def make_plan(components: dict[str, Any], prompt: Prompt) -> Plan:
+    """Resolve the open settings of ``components`` for ``prompt``.
+
+    Args:
+        components: one component a stage, by stage name; see ``pipeline.stages``.
+    """
+    elastic, plastic, why = experts(components["material"], prompt.motion)
+    material = dataclasses.replace(components["material"], elastic=elastic, plastic=plastic)
+    resolved = components | {"material": material}
+    lines = [
+        Line("elastic experts", ", ".join(elastic), why),
+        Line("plastic experts", ", ".join(plastic), why),
+        *mixture_lines(elastic, plastic),
+        *appearance_lines(components),
+        *loss_lines(material),
+        *model_lines(components),
+    ]
+    return Plan(resolved, tuple(lines))
+
+
+def experts(material: Any, motion: Motion) -> tuple[tuple[str, ...], tuple[str, ...], str]:
+    """Candidate experts: those the configuration names, else those the materials of the prompt may be."""
+    words = sorted(set(motion.materials.values()))
+    elastic, plastic = candidates(words, melting=motion.verb == "melting")
+    chosen = (tuple(material.elastic) or elastic, tuple(material.plastic) or plastic)
+    why = "named in the configuration" if material.elastic or material.plastic else f"what {', '.join(words)} may be"
+    return (*chosen, why)
+
+
+def mixture_lines(elastic: tuple[str, ...], plastic: tuple[str, ...]) -> list[Line]:
+    mixture = make_mixture(elastic, plastic)
+    flows = [p for p in plastic if p != "identity"]
+    return [
+        Line("return mapping", "kept" if flows else "left out", f"{', '.join(flows)} may flow" if flows else "nothing flows"),
+        Line(
+            "deformation gradients",
+            "two" if mixture.is_plastic else "one",
+            "the elastic part makes stress, the total one moves the Gaussians"
+            if mixture.is_plastic
+            else "without plasticity the elastic part is the total one",
+        ),
+        Line(
+            "principal decomposition",
+            "kept" if mixture.decomposes else "left out",
+            "some expert works in principal stretches" if mixture.decomposes else "every expert has a direct form",
+        ),
+        Line(
+            "mixture weights",
+            "kept" if len(elastic) * len(plastic) > 1 else "left out",
+            f"{len(elastic)} elastic, {len(plastic)} plastic experts" if len(elastic) * len(plastic) > 1 else "one law",
+        ),
+    ]
+
+
+def appearance_lines(components: dict[str, Any]) -> list[Line]:
+    degree = components["gaussians"].sh_degree
+    fill = components["particles"].fill
+    return [
+        Line(
+            "spherical harmonics",
+            f"degree {degree}" if degree else "left out",
+            "view-dependent colour asked for" if degree else "degree 0: colours do not depend on the view, nothing to rotate",
+        ),
+        Line(
+            "interior fill",
+            "kept" if fill != "none" else "left out",
+            "distilled Gaussians are a shell; the inside needs particles" if fill != "none" else "particles.fill=none",
+        ),
+    ]
+
+
+def loss_lines(material: Any) -> list[Line]:
+    lines = [Line("video SDS", "kept" if material.steps else "left out", "it trains the material" if material.steps else "material.steps=0")]
+    velocity = material.velocity
+    on = velocity is not None and velocity.weight > 0
+    lines.append(Line("velocity loss", velocity.form if on else "left out", "weight %g" % velocity.weight if on else "weight 0"))
+    scan = material.stiffness_steps
+    lines.append(Line("enumeration", "kept" if scan else "left out", "finds the basin before descending" if scan else "material.stiffness_steps=0"))
+    return lines
+
+
+def model_lines(components: dict[str, Any]) -> list[Line]:
+    backends = {type(components[s].guidance).__name__ for s in ("gaussians", "material")}
+    heavy = sorted(backends - {"Analytic"})
+    return [
+        Line(
+            "diffusion models",
+            ", ".join(heavy) if heavy else "left out",
+            "asked for by guidance" if heavy else "the embedded prior answers; diffusers and transformers are never imported",
+        )
+    ]
+
+
+def stage_lines(stages: list[Stage], cached: dict[str, Path], until: str, force: list[str]) -> list[Line]:
+    """Which stages run. Keys are content-addressed, so what follows a stage that must run is known only afterwards."""
+    lines = []
+    known = True
+    for stage in stages[: [s.name for s in stages].index(until) + 1]:
+        if stage.name in cached and stage.name not in force:
+            lines.append(Line(f"stage {stage.name}", "cached", "same settings, same inputs"))
+        else:
+            why = "forced" if stage.name in force else "not in the store" if known else "unless its inputs come out unchanged"
+            lines.append(Line(f"stage {stage.name}", "run", why))
+            known = False
+    return lines

@@ -1,0 +1,174 @@
+"""The experiment materials are learnt from: a coarse copy of the object, thrown at the floor, filmed by one camera.
+
+One short drop shows stiffness (how far it flattens, how soon it leaves), plasticity (what stays) and friction; whatever the
+film later shows, the material is the object's own. Small and short on purpose: twelve frames with one impact have one
+basin, longer clips have many.
+"""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from diffuphy.material import presets, rate_gate, wave_speed
+from diffuphy.mpm import HalfSpace, Scene, coarsen, rollout
+from diffuphy.render import Skin, look_at, render_gaussians
+from diffuphy.types import Camera, Gaussians, Look, MaterialField, Motion, Particles, Trajectory
+
+
+@dataclass(frozen=True)
+class Probe:
+    """Settings of the drop test."""
+
+    particles: int = 1500
+    """Particles of the coarse copy; 1.2–1.7 thousand carry the motion, more only cost."""
+    frames: int = 12
+    """Frames of the clip: the impact falls in the first three or four, the answer in the rest."""
+    fps: float = 30.0
+    """Frames per second [1/s]."""
+    speed: float = 1.5
+    """Impact speed of an object of 0.3 m [m/s]; grows with the square root of the size (Froude)."""
+    tilt: float = 0.0
+    """Sideways speed as a fraction of the impact speed; shows friction."""
+    gap: float = 0.03
+    """Height of the lowest particle at the start, in object sizes."""
+    cells_per_spacing: float = 0.5
+    """Particle spacings per grid cell, inverted: dx = spacing / this; 0.5 is eight particles a cell."""
+    cfl: float = 0.4
+    """Courant number."""
+    image: int = 64
+    """Height and width of the clip [px]."""
+    skin: int = 4
+    """Particles each Gaussian follows; several, because a draft particle stands for many Gaussians."""
+    background: tuple[float, float, float] = (0.85, 0.9, 1.0)
+    """Colour behind the object."""
+    seed: int = 0
+    """Which particles the coarse copy keeps."""
+
+    def __post_init__(self) -> None:
+        if self.particles < 64 or self.frames < 2 or self.image < 16:
+            raise ValueError(
+                f"a probe needs particles ≥ 64, frames ≥ 2 and image ≥ 16, got {self.particles}, {self.frames}, {self.image}"
+            )
+
+    def scene(self, dx: float, size: float) -> Scene:
+        """The drop itself."""
+        speed = self.speed * math.sqrt(size / 0.3)
+        return Scene(
+            dx=dx,
+            fps=self.fps,
+            frames=self.frames,
+            velocity=(self.tilt * speed, 0.0, -speed),
+            lift=self.gap * size,
+            boundaries=(HalfSpace(friction=0.5),),
+            cfl=self.cfl,
+        )
+
+    def bench(self, gaussians: Gaussians, particles: Particles, size: float) -> "Bench":
+        """Set the experiment up for one object."""
+        draft, _ = coarsen(particles, n=self.particles, seed=self.seed)
+        scene = self.scene(draft.spacing / self.cells_per_spacing, size)
+        return Bench(self, scene, draft, Skin.bind(gaussians, draft, k=self.skin), self._camera(draft, size), size)
+
+    def _camera(self, draft: Particles, size: float) -> Camera:
+        """One camera that sees the object from its start down to the floor, whatever it does there."""
+        focal = 0.5 * self.image / math.tan(math.radians(20))
+        eye = (0.6 * size, -2.4 * size, 0.9 * size)
+        device = draft.x.device
+        K = torch.tensor([[focal, 0, self.image / 2], [0, focal, self.image / 2], [0, 0, 1]], device=device)
+        view = look_at(eye, (0.0, 0.0, 0.42 * size)).to(device)
+        return Camera(view[None], K[None], self.image, self.image)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """The experiment, ready to run with any material."""
+
+    probe: Probe
+    scene: Scene
+    draft: Particles
+    """The coarse copy."""
+    skin: Skin
+    camera: Camera
+    size: float
+    """Longest side of the object [m]."""
+
+    @property
+    def background(self) -> Tensor:
+        return torch.tensor(self.probe.background, device=self.draft.x.device)
+
+    def simulate(
+        self, field: MaterialField, frames: int | None = None, *, scene: Scene | None = None, gate_time: float | None = None
+    ) -> Trajectory:
+        """Drop the draft particles; differentiable in ``field`` where gradients are enabled.
+
+        Args:
+            frames: frames after the initial state; all of the probe's by default.
+            scene: another motion (held-out test); the drop by default.
+            gate_time: reference time of rate-form plastic gates [s]; None uses the weights as they are.
+        """
+        scene = scene or self.scene
+        if gate_time is not None and "identity" in field.plastic:
+            field = dataclasses.replace(field, w_p=rate_gate(field.w_p, field.plastic, self.substep(field), gate_time))
+        return rollout(scene, self.draft.x, self.draft.vol, field, frames=frames, grad=torch.is_grad_enabled())
+
+    def substep(self, field: MaterialField) -> float:
+        """Nominal time step of the drop [s]: what rate-form gates are scaled by."""
+        c = float(wave_speed(field.elastic, field.w_e.detach(), _detached(field.theta), field.rho).max())
+        speed = math.hypot(*self.scene.velocity)
+        return 1 / self.scene.fps / math.ceil((c + speed) / (self.scene.fps * self.scene.cfl * self.scene.dx))
+
+    def film(self, trajectory: Trajectory) -> Tensor:
+        """Frames 1… of a trajectory as pixels in [0, 1], shape (T−1, H, W, 3); differentiable."""
+        images = []
+        for x, F in zip(trajectory.x[1:], trajectory.F[1:], strict=True):
+            means, F_g = self.skin(x, F)
+            image = render_gaussians(self.skin.gaussians, self.camera, means=means, F=F_g, background=self.background)
+            images.append(image.rgb[0])
+        return torch.stack(images)
+
+    def clip(self, field: MaterialField, frames: int | None = None, *, gate_time: float | None = None) -> Tensor:
+        return self.film(self.simulate(field, frames, gate_time=gate_time))
+
+
+def _detached(theta: dict[str, Tensor]) -> dict[str, Tensor]:
+    return {k: v.detach() for k, v in theta.items()}
+
+
+def table_field(library: object, look: Look, motion: Motion, draft: Particles) -> MaterialField:
+    """The material the table gives each particle, by the words of the prompt, part by part.
+
+    Args:
+        library: knows the parts of an object (``text2gs.shapes.Library``), or None: the whole object's material everywhere.
+    """
+    whole = motion.materials.get("", next(iter(motion.materials.values())))
+    words = [whole]
+    index = torch.zeros(len(draft), dtype=torch.long)
+    if library is not None and set(motion.materials) - {""}:
+        shape = library.object(look)  # type: ignore[attr-defined]
+        words = [motion.materials.get(part.name, whole) for part in shape.parts]
+        points = (draft.x.cpu() - torch.tensor(draft.offset)) / draft.scale
+        index = shape.part_of(points).long()
+    kinds = [presets.lookup(w) for w in words]
+    kinds = [presets.melt(k) for k in kinds] if motion.verb == "melting" else kinds
+    return presets.field(kinds, index.to(draft.x.device), dtype=draft.x.dtype)
+
+
+@dataclass(frozen=True)
+class TableClips:
+    """References of the embedded clip prior: the probe itself, simulated with the table's material.
+
+    The prompt selects one clip, hard: the likelihood of a clip outweighs any soft preference by hundreds of nats, so a soft
+    mixture would have a fixed point at every reference.
+    """
+
+    bench: Bench
+    field: MaterialField
+
+    def __call__(self, words: Motion, camera: Camera, background: Tensor) -> tuple[Tensor, Tensor]:
+        """Reference clips, shape (1, K=1, T, H, W, 3), and their log-prior, shape (1,)."""
+        with torch.no_grad():
+            clip = self.bench.clip(self.field, len(camera))
+        return clip[None, None], torch.zeros(1, device=clip.device)
