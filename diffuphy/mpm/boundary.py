@@ -50,9 +50,9 @@ class _Wall:
     """Time at which the wall appears, at the place its other fields say [s]."""
     end: float = math.inf
     """Time at which it vanishes [s]."""
-    reach: float = 1.0
-    """How far behind the surface the first governed node lies [Δx]. A quadratic kernel feels a node from 1.5 Δx away, so a body that
-    arrives stops about that far from it; 1 puts its visible surface on the wall. Use 0 for a body seeded with its face on a node plane."""
+    reach: float = 0.0
+    """How far behind the surface the governed nodes begin [Δx]. With 0 a body at rest lies on the surface, but an elastic one that falls is
+    turned back 0.3 to 0.9 Δx above it, since nodes are felt from 1.5 Δx away; see ``docs/boundaries.md``."""
 
     def __post_init__(self) -> None:
         if self.kind not in ("sticky", "slip", "separate"):

@@ -123,13 +123,16 @@ SCENES: dict[str, Callable[[Scene, float, float], Scene]] = {
 """Motion word → what it changes in the scene of an object at rest: f(scene, size [m], friction) → scene."""
 
 
-def scene_for(verb: str, size: float, *, cells: int = 28, frames: int = 60, fps: float = 30.0, friction: float = 0.5, cfl: float = 0.4) -> Scene:
+def scene_for(
+    verb: str, size: float, *, cells: int = 28, dx: float | None = None, frames: int = 60, fps: float = 30.0, friction: float = 0.5, cfl: float = 0.4
+) -> Scene:
     """The scene of a motion word, for an object whose longest side is ``size``.
 
     Args:
         verb: a key of ``SCENES``.
         size: longest side [m].
         cells: grid cells along it; Δx = size / cells.
+        dx: or the grid spacing itself [m]; twice the spacing of the particles leaves 8 of them in a cell.
         frames, fps: length of the film and its rate.
         friction: Coulomb coefficient of floor, plate and ball [-].
         cfl: see ``Scene``.
@@ -141,7 +144,8 @@ def scene_for(verb: str, size: float, *, cells: int = 28, frames: int = 60, fps:
         raise ValueError(f"no scene for the motion {verb!r}; known: {', '.join(SCENES)}")
     if not 0.0 < size < math.inf:
         raise ValueError(f"size must be positive and finite, got {size} m")
-    if cells < 4:
-        raise ValueError(f"cells must be at least 4 along the longest side, got {cells}")
-    rest = Scene(dx=size / cells, frames=frames, fps=fps, boundaries=(_floor(friction),), cfl=cfl)
+    dx = size / cells if dx is None else dx
+    if not size >= 4 * dx:
+        raise ValueError(f"the longest side, {size:.3g} m, must span at least 4 grid cells, got dx = {dx:.3g} m; use smaller cells")
+    rest = Scene(dx=dx, frames=frames, fps=fps, boundaries=(_floor(friction),), cfl=cfl)
     return SCENES[verb](rest, size, friction)
