@@ -152,25 +152,26 @@ class _Composite(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, means2d, conics, depths, colors, opacities, sigmas, size, settings):
-        operands = [x.contiguous() for x in (means2d, conics, depths, colors, opacities)]
-        boxes = _boxes(operands[0], sigmas, operands[4], size, settings)
+        operands = [x.contiguous() for x in (means2d, conics, depths, colors, opacities, sigmas)]
+        boxes = _boxes(operands[0], operands[5], operands[4], size, settings)
         driver, tile = settings.layout(means2d.device)
         columns, rows = tiling(*size, tile)
         if means2d.device.type == "cpu":
             offsets, ids = bin_by_counting(boxes, depths, tile, columns, rows, settings.threads)
         else:
             offsets, ids = bin_by_sorting(boxes, depths, tile, columns, rows)
-        ctx.lists, ctx.size, ctx.settings = (boxes, offsets, ids), size, settings
-        splats, kernels, types = _splats(operands, ctx.lists, size, settings)
+        splats, kernels, types = _splats(operands, (boxes, offsets, ids), size, settings)
+        ctx.splats, ctx.size, ctx.settings = (splats, kernels, types), size, settings
         views = len(means2d)
         pixels = means2d.new_empty(views, size[1], size[0], 4)
         T = means2d.new_empty(views, size[1], size[0])
-        inputs = [splats, array(pixels, types.vec4), array(T, types.real)]
+        inputs = [splats, array(pixels.view(-1, 4), types.vec4), array(T.view(-1), types.real)]
         if driver == "tile":
             dim, axis, kernel = (columns * rows, views), 0, kernels.tile
         else:
             dim, axis, kernel = (views, size[1], size[0]), 1, kernels.pixel
         _spread_launch(kernel, dim, axis, inputs, means2d.device, settings.threads)
+        # the operands only so that autograd notices if one is changed in place: the kernels read them through ``splats``
         ctx.save_for_backward(*operands, pixels, T)
         ctx.set_materialize_grads(False)
         return pixels[..., :3], 1 - T, pixels[..., 3]
@@ -179,7 +180,7 @@ class _Composite(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, g_rgb, g_alpha, g_depth):
         *operands, pixels, T = ctx.saved_tensors
-        splats, kernels, types = _splats(operands, ctx.lists, ctx.size, ctx.settings)
+        splats, kernels, types = ctx.splats
         g_pixels = torch.empty_like(pixels)
         g_pixels[..., :3] = 0 if g_rgb is None else g_rgb
         g_pixels[..., 3] = 0 if g_depth is None else g_depth
@@ -190,10 +191,10 @@ class _Composite(torch.autograd.Function):
         g_opacities = pixels.new_zeros(views, count)
         inputs = [
             splats,
-            array(pixels, types.vec4),
-            array(T, types.real),
-            array(g_pixels, types.vec4),
-            array(g_alpha, types.real),
+            array(pixels.view(-1, 4), types.vec4),
+            array(T.view(-1), types.real),
+            array(g_pixels.view(-1, 4), types.vec4),
+            array(g_alpha.view(-1), types.real),
         ]
         outputs = [
             array(x, t)
@@ -208,7 +209,7 @@ class _Composite(torch.autograd.Function):
         if driver == "tile":
             columns, rows = tiling(*ctx.size, tile)
             scratch = torch.empty(2, *T.shape, dtype=T.dtype, device=T.device)
-            inputs += [array(scratch[0], types.real), array(scratch[1], types.real)]
+            inputs += [array(scratch[0].view(-1), types.real), array(scratch[1].view(-1), types.real)]
             dim, kernel = (views, columns * rows), kernels.tile_adjoint
         else:
             dim, kernel = (views, ctx.size[1], ctx.size[0]), kernels.pixel_adjoint
@@ -236,7 +237,7 @@ def _splats(
     operands: list[Tensor], lists: tuple[Tensor, ...], size: tuple[int, int], settings: Warp
 ) -> tuple[Any, Any, Any]:
     """The kernels' view of the operands, the kernels, and the Warp types of the pixels."""
-    means2d, conics, depths, colors, opacities = operands
+    means2d, conics, depths, colors, opacities, sigmas = operands
     boxes, offsets, ids = lists
     types = _vectors(real_of(means2d.dtype))
     kernels = compositing_kernels(types.real)
@@ -244,6 +245,7 @@ def _splats(
     for name, tensor, dtype in (
         ("means2d", means2d, types.vec2),
         ("conics", conics, types.vec3),
+        ("sigmas", sigmas, types.vec2),
         ("depths", depths, types.real),
         ("colors", colors, types.vec3),
         ("opacities", opacities, types.real),
@@ -253,6 +255,7 @@ def _splats(
     ):
         setattr(splats, name, wp.from_torch(tensor.detach(), dtype=dtype, requires_grad=False))
     _, splats.tile = settings.layout(means2d.device)
+    splats.width, splats.height = size
     splats.columns = tiling(*size, splats.tile)[0]
     splats.alpha_min, splats.alpha_max, splats.T_min = settings.alpha_min, settings.alpha_max, settings.T_min
     return splats, kernels, types

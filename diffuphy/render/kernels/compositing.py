@@ -32,12 +32,15 @@ def compositing_kernels(real: type) -> SimpleNamespace:
 
         means2d: wp.array2d(dtype=vec2)  # (C, G) [px]
         conics: wp.array2d(dtype=vec3)  # (C, G) [1/px²]
+        sigmas: wp.array2d(dtype=vec2)  # (C, G) [px]
         depths: wp.array2d(dtype=real)  # (C, G)
         colors: wp.array2d(dtype=vec3)  # (C or 1, G)
         opacities: wp.array(dtype=real)  # (G)
         boxes: wp.array2d(dtype=wp.vec4i)  # (C, G) [px]
         offsets: wp.array2d(dtype=int)  # (C, tiles + 1)
         ids: wp.array(dtype=int)  # (pairs)
+        width: int  # [px]
+        height: int  # [px]
         tile: int  # [px]
         columns: int
         alpha_min: real
@@ -54,40 +57,69 @@ def compositing_kernels(real: type) -> SimpleNamespace:
     def exponent(q: vec3, dx: real, dy: real):
         return -real(0.5) * (q[0] * dx * dx + q[2] * dy * dy) - q[1] * dx * dy
 
+    @wp.func
+    def ellipse(q: vec3, sigma: vec2, o: real, alpha_min: real):
+        """The region o exp(-½ dᵀ Q d) ≥ α_min in the form (dx + s dy)² ≤ r² - f dy²: (s, f, r²).
+
+        f = det Q / A², with det Q = C / σ_x², in which nothing cancels.
+        """
+        inverse = real(1.0) / q[0]
+        flat = q[2] * inverse * inverse / (sigma[0] * sigma[0])
+        return vec3(q[1] * inverse, flat, real(2.0) * wp.log(o / alpha_min) * inverse)
+
+    @wp.func
+    def row_span(e: vec3, mx: real, dy: real, x0: real, x1: real):
+        """Columns [first, last) of a row of the tile whose centres lie in the ellipse."""
+        square = e[2] - e[1] * dy * dy
+        half = wp.sqrt(wp.max(square, real(0.0)))
+        middle = mx - e[0] * dy
+        # clamped as reals, before they become integers, which could not hold a far away position; cut off towards zero
+        first = x1 - real(int(x1 - wp.clamp(middle - half - real(0.5), x0, x1)))
+        last = real(int(wp.clamp(middle + half + real(0.5), x0, x1)))
+        return vec2(first, wp.where(square < real(0.0), first, last))
+
     @wp.kernel(module="unique", enable_backward=False)
     def tile(
         start: int,
         s: Splats,
-        pixels: wp.array3d(dtype=vec4),  # (C, H, W), set to 0 here
-        T: wp.array3d(dtype=real),  # (C, H, W), set to 1 here
+        pixels: wp.array(dtype=vec4),  # (C H W), set to 0 here
+        T: wp.array(dtype=real),  # (C H W), set to 1 here
     ):
         j, c = wp.tid()
         t = start + j
         x0, y0 = (t % s.columns) * s.tile, (t // s.columns) * s.tile
-        x1, y1 = wp.min(x0 + s.tile, T.shape[2]), wp.min(y0 + s.tile, T.shape[1])
+        x1, y1 = wp.min(x0 + s.tile, s.width), wp.min(y0 + s.tile, s.height)
+        first = c * s.height * s.width
         for y in range(y0, y1):
-            for x in range(x0, x1):
-                pixels[c, y, x] = vec4()
-                T[c, y, x] = real(1.0)
+            for p in range(first + y * s.width + x0, first + y * s.width + x1):
+                pixels[p] = vec4()
+                T[p] = real(1.0)
         unfinished = (x1 - x0) * (y1 - y0)
+        left, right = real(x0), real(x1)
         for k in range(s.offsets[c, t], s.offsets[c, t + 1]):
             i = s.ids[k]
-            m, q, o, b, f = s.means2d[c, i], s.conics[c, i], s.opacities[i], s.boxes[c, i], feature(s, c, i)
-            least = wp.log(s.alpha_min / o)
+            m, q, o = vec2(s.means2d[c, i]), vec3(s.conics[c, i]), real(s.opacities[i])
+            b, f = s.boxes[c, i], feature(s, c, i)
+            region = ellipse(q, s.sigmas[c, i], o, s.alpha_min)
+            curve = wp.exp(-q[0])
             for y in range(wp.max(b[1], y0), wp.min(b[3], y1)):
                 dy = real(y) + real(0.5) - m[1]
-                for x in range(wp.max(b[0], x0), wp.min(b[2], x1)):
-                    dx = real(x) + real(0.5) - m[0]
-                    power = exponent(q, dx, dy)
-                    if power >= least:
-                        T_k = T[c, y, x]
-                        if T_k >= s.T_min:
-                            alpha = wp.min(s.alpha_max, o * wp.exp(power))
-                            pixels[c, y, x] = pixels[c, y, x] + f * (alpha * T_k)
-                            T_k = T_k * (real(1.0) - alpha)
-                            T[c, y, x] = T_k
-                            if T_k < s.T_min:
-                                unfinished -= 1
+                span = row_span(region, m[0], dy, left, right)
+                dx = span[0] + real(0.5) - m[0]
+                raw = o * wp.exp(exponent(q, dx, dy))
+                ratio = wp.exp(-q[0] * (dx + real(0.5)) - q[1] * dy)
+                row = first + y * s.width
+                for p in range(row + int(span[0]), row + int(span[1])):
+                    T_k = T[p]
+                    if T_k >= s.T_min:
+                        alpha = wp.min(s.alpha_max, raw)
+                        pixels[p] = pixels[p] + f * (alpha * T_k)
+                        T_k = T_k * (real(1.0) - alpha)
+                        T[p] = T_k
+                        if T_k < s.T_min:
+                            unfinished -= 1
+                    raw *= ratio
+                    ratio *= curve
             if unfinished == 0:
                 break
 
@@ -95,12 +127,12 @@ def compositing_kernels(real: type) -> SimpleNamespace:
     def tile_adjoint(
         start: int,
         s: Splats,
-        pixels: wp.array3d(dtype=vec4),  # (C, H, W) result of the forward pass
-        T_end: wp.array3d(dtype=real),  # (C, H, W) result of the forward pass
-        g_pixels: wp.array3d(dtype=vec4),  # (C, H, W)
-        g_alpha: wp.array3d(dtype=real),  # (C, H, W)
-        T: wp.array3d(dtype=real),  # (C, H, W) scratch
-        rho: wp.array3d(dtype=real),  # (C, H, W) scratch
+        pixels: wp.array(dtype=vec4),  # (C H W) result of the forward pass
+        T_end: wp.array(dtype=real),  # (C H W) result of the forward pass
+        g_pixels: wp.array(dtype=vec4),  # (C H W)
+        g_alpha: wp.array(dtype=real),  # (C H W)
+        T: wp.array(dtype=real),  # (C H W) scratch
+        rho: wp.array(dtype=real),  # (C H W) scratch
         g_means2d: wp.array2d(dtype=vec2),  # (C, G), these four are added to
         g_conics: wp.array2d(dtype=vec3),
         g_features: wp.array2d(dtype=vec4),
@@ -109,47 +141,59 @@ def compositing_kernels(real: type) -> SimpleNamespace:
         j, t = wp.tid()
         c = start + j
         x0, y0 = (t % s.columns) * s.tile, (t // s.columns) * s.tile
-        x1, y1 = wp.min(x0 + s.tile, T.shape[2]), wp.min(y0 + s.tile, T.shape[1])
+        x1, y1 = wp.min(x0 + s.tile, s.width), wp.min(y0 + s.tile, s.height)
+        first = c * s.height * s.width
         for y in range(y0, y1):
-            for x in range(x0, x1):
-                T[c, y, x] = real(1.0)
-                rho[c, y, x] = wp.dot(pixels[c, y, x], g_pixels[c, y, x]) - g_alpha[c, y, x] * T_end[c, y, x]
+            for p in range(first + y * s.width + x0, first + y * s.width + x1):
+                T[p] = real(1.0)
+                rho[p] = wp.dot(pixels[p], g_pixels[p]) - g_alpha[p] * T_end[p]
         unfinished = (x1 - x0) * (y1 - y0)
+        left, right = real(x0), real(x1)
         for k in range(s.offsets[c, t], s.offsets[c, t + 1]):
             i = s.ids[k]
-            m, q, o, b, f = s.means2d[c, i], s.conics[c, i], s.opacities[i], s.boxes[c, i], feature(s, c, i)
-            least = wp.log(s.alpha_min / o)
+            m, q, o = vec2(s.means2d[c, i]), vec3(s.conics[c, i]), real(s.opacities[i])
+            b, f = s.boxes[c, i], feature(s, c, i)
+            region = ellipse(q, s.sigmas[c, i], o, s.alpha_min)
+            curve = wp.exp(-q[0])
             # moments of the gradient g with respect to the exponent: Σ g, Σ g dx, Σ g dy, Σ g dx², Σ g dx dy, Σ g dy²
             g0, gx, gy, gxx, gxy, gyy = real(0.0), real(0.0), real(0.0), real(0.0), real(0.0), real(0.0)
             g_f = vec4()
             for y in range(wp.max(b[1], y0), wp.min(b[3], y1)):
                 dy = real(y) + real(0.5) - m[1]
-                for x in range(wp.max(b[0], x0), wp.min(b[2], x1)):
-                    dx = real(x) + real(0.5) - m[0]
-                    power = exponent(q, dx, dy)
-                    if power >= least:
-                        T_k = T[c, y, x]
-                        if T_k >= s.T_min:
-                            raw = o * wp.exp(power)
-                            alpha = wp.min(s.alpha_max, raw)
-                            w = alpha * T_k
-                            g_pixel = g_pixels[c, y, x]
-                            fg = wp.dot(f, g_pixel)
-                            behind = rho[c, y, x] - w * fg
-                            rho[c, y, x] = behind
-                            g_f += g_pixel * w
-                            if raw < s.alpha_max:
-                                g = alpha * (T_k * fg - behind / (real(1.0) - alpha))
-                                g0 += g
-                                gx += g * dx
-                                gy += g * dy
-                                gxx += g * dx * dx
-                                gxy += g * dx * dy
-                                gyy += g * dy * dy
-                            T_k = T_k * (real(1.0) - alpha)
-                            T[c, y, x] = T_k
-                            if T_k < s.T_min:
-                                unfinished -= 1
+                span = row_span(region, m[0], dy, left, right)
+                dx = span[0] + real(0.5) - m[0]
+                raw = o * wp.exp(exponent(q, dx, dy))
+                ratio = wp.exp(-q[0] * (dx + real(0.5)) - q[1] * dy)
+                r0, rx, rxx = real(0.0), real(0.0), real(0.0)
+                row = first + y * s.width
+                for p in range(row + int(span[0]), row + int(span[1])):
+                    T_k = T[p]
+                    if T_k >= s.T_min:
+                        alpha = wp.min(s.alpha_max, raw)
+                        w = alpha * T_k
+                        g_pixel = g_pixels[p]
+                        fg = wp.dot(f, g_pixel)
+                        behind = rho[p] - w * fg
+                        rho[p] = behind
+                        g_f += g_pixel * w
+                        if raw < s.alpha_max:
+                            g = alpha * (T_k * fg - behind / (real(1.0) - alpha))
+                            r0 += g
+                            rx += g * dx
+                            rxx += g * dx * dx
+                        T_k = T_k * (real(1.0) - alpha)
+                        T[p] = T_k
+                        if T_k < s.T_min:
+                            unfinished -= 1
+                    dx += real(1.0)
+                    raw *= ratio
+                    ratio *= curve
+                g0 += r0
+                gx += rx
+                gxx += rxx
+                gy += r0 * dy
+                gxy += rx * dy
+                gyy += r0 * dy * dy
             g_opacities[c, i] = g_opacities[c, i] + g0 / o
             g_means2d[c, i] = g_means2d[c, i] + vec2(q[0] * gx + q[1] * gy, q[1] * gx + q[2] * gy)
             g_conics[c, i] = g_conics[c, i] - vec3(real(0.5) * gxx, gxy, real(0.5) * gyy)
@@ -158,10 +202,11 @@ def compositing_kernels(real: type) -> SimpleNamespace:
                 break
 
     @wp.kernel(module="unique", enable_backward=False)
-    def pixel(start: int, s: Splats, pixels: wp.array3d(dtype=vec4), T: wp.array3d(dtype=real)):
+    def pixel(start: int, s: Splats, pixels: wp.array(dtype=vec4), T: wp.array(dtype=real)):
         c, j, x = wp.tid()
         y = start + j
         t = (y // s.tile) * s.columns + x // s.tile
+        p = (c * s.height + y) * s.width + x
         px, py = real(x) + real(0.5), real(y) + real(0.5)
         total = vec4()
         T_k = real(1.0)
@@ -175,17 +220,17 @@ def compositing_kernels(real: type) -> SimpleNamespace:
                 T_k = T_k * (real(1.0) - alpha)
                 if T_k < s.T_min:
                     break
-        pixels[c, y, x] = total
-        T[c, y, x] = T_k
+        pixels[p] = total
+        T[p] = T_k
 
     @wp.kernel(module="unique", enable_backward=False)
     def pixel_adjoint(
         start: int,
         s: Splats,
-        pixels: wp.array3d(dtype=vec4),
-        T_end: wp.array3d(dtype=real),
-        g_pixels: wp.array3d(dtype=vec4),
-        g_alpha: wp.array3d(dtype=real),
+        pixels: wp.array(dtype=vec4),
+        T_end: wp.array(dtype=real),
+        g_pixels: wp.array(dtype=vec4),
+        g_alpha: wp.array(dtype=real),
         g_means2d: wp.array2d(dtype=vec2),
         g_conics: wp.array2d(dtype=vec3),
         g_features: wp.array2d(dtype=vec4),
@@ -194,9 +239,10 @@ def compositing_kernels(real: type) -> SimpleNamespace:
         j, y, x = wp.tid()
         c = start + j
         t = (y // s.tile) * s.columns + x // s.tile
+        p = (c * s.height + y) * s.width + x
         px, py = real(x) + real(0.5), real(y) + real(0.5)
-        g_pixel = g_pixels[c, y, x]
-        rho = wp.dot(pixels[c, y, x], g_pixel) - g_alpha[c, y, x] * T_end[c, y, x]
+        g_pixel = g_pixels[p]
+        rho = wp.dot(pixels[p], g_pixel) - g_alpha[p] * T_end[p]
         T_k = real(1.0)
         for k in range(s.offsets[c, t], s.offsets[c, t + 1]):
             i = s.ids[k]
