@@ -18,6 +18,10 @@ MARGIN = 0.01
 """A learnt parameter starts at least this fraction of its (log-)range from both ends, where the sigmoid still moves."""
 
 
+SATURATED = 1e-6
+"""Fraction of the range from its ends below which u_0 counts as being this far away: its logit must be finite."""
+
+
 class Bounds(Protocol):
     """What the decoder asks of a parameter; ``diffuphy.material.expert.Param`` has it."""
 
@@ -64,15 +68,18 @@ def bounded(param: Bounds, start: Tensor, o: Tensor, gain: float) -> Tensor:
     bit by bit.
 
     Args:
-        start: θ_0, strictly inside the bounds, shape (N,), unit of the parameter.
+        start: θ_0 within the bounds, shape (N,), unit of the parameter; at a bound it can hardly move, but is not lost.
         o: network output, shape (N,).
         gain: g [-].
     """
     lo, hi = _ends(param)
-    logit = torch.logit(_fraction(param, start))
+    logit = torch.logit(_fraction(param, start), eps=SATURATED)
     change = (hi - lo) * (torch.sigmoid(gain * o + logit) - torch.sigmoid(logit))
     value = start * change.exp() if param.log else start + change
-    return value.clamp(param.lo, param.hi)  # the formula stays inside; rounding at the ends may not
+    rounding = (
+        value.clamp(param.lo, param.hi) - value
+    )  # the formula stays inside, its rounding may not; not differentiated
+    return value + rounding.detach()
 
 
 def inside(params: Sequence[Bounds], theta: Mapping[str, Tensor]) -> dict[str, Tensor]:

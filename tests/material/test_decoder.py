@@ -1,24 +1,16 @@
 """Gates and bounded parameters."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import pytest
 import torch
 
 from diffuphy.material.decoder import Decoder, bounded, gate, inside, sparsemax
+from diffuphy.material.expert import Param
 from diffuphy.types import MaterialField
 
-
-@dataclass(frozen=True)
-class Range:
-    name: str
-    lo: float
-    hi: float
-    log: bool
-
-
-E = Range("E", 1e3, 1e7, True)
-NU = Range("nu", 0.0, 0.49, False)
+E = Param("E", "Pa", 1e3, 1e7, True, 1e5)
+NU = Param("nu", "-", 0.0, 0.49, False, 0.3)
 
 
 def normal(*shape, seed=0):
@@ -98,6 +90,20 @@ def test_bounded_never_leaves_its_bounds_and_can_reach_them(param, dtype):
 
 
 @pytest.mark.parametrize("param", [E, NU])
+def test_bounded_survives_a_start_at_its_bounds(param):
+    """A saturated value may be moved again: finite, still exact at o = 0, with a gradient that leads inwards."""
+    start = torch.tensor([param.lo, param.hi], requires_grad=True)
+    o = torch.zeros(2, requires_grad=True)
+    value = bounded(param, start, o, 2.0)
+    assert torch.equal(value, start)
+    value.sum().backward()
+    assert o.grad.isfinite().all() and (o.grad > 0).all() and start.grad.isfinite().all()
+    assert (
+        bounded(param, start, torch.tensor([20.0, -20.0]), 2.0).log10().diff().abs() > 0
+    )  # and far outputs do move it
+
+
+@pytest.mark.parametrize("param", [E, NU])
 def test_bounded_is_a_sigmoid_in_its_range(param):
     """logit u(o) = logit u_0 + g o."""
     start, o = field().theta[param.name], normal(6)
@@ -152,7 +158,7 @@ def test_decoder_refuses_what_it_cannot_start_from():
     with pytest.raises(ValueError, match="same candidates"):
         Decoder(4, 8, ("b", "a"), start.plastic, (E,)).check(start)
     with pytest.raises(ValueError, match="'viscosity' is to be learnt"):
-        Decoder(4, 8, start.elastic, start.plastic, (Range("viscosity", 1e-3, 1e3, True),)).check(start)
+        Decoder(4, 8, start.elastic, start.plastic, (Param("viscosity", "Pa s", 1e-3, 1e3, True, 1.0),)).check(start)
     start.theta["E"][2] = 1e7
     with pytest.raises(ValueError, match=r"E starts at .* to 1e\+07"):
         Decoder(4, 8, start.elastic, start.plastic, (E,)).check(start)

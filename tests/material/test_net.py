@@ -1,27 +1,18 @@
 """The material network as a whole."""
 
 import time
-from dataclasses import dataclass
 
 import pytest
 import torch
 
 from diffuphy.material.encoder import Points, features
+from diffuphy.material.expert import Param
 from diffuphy.material.field import Hypothesis, warm_start
 from diffuphy.material.net import Net
 from diffuphy.workspace import Workspace
 
-
-@dataclass(frozen=True)
-class Range:
-    name: str
-    lo: float
-    hi: float
-    log: bool
-
-
-E = Range("E", 1e3, 1e7, True)
-NU = Range("nu", 0.0, 0.49, False)
+E = Param("E", "Pa", 1e3, 1e7, True, 1e5)
+NU = Param("nu", "-", 0.0, 0.49, False, 0.3)
 ELASTIC, PLASTIC = ("fixed_corotated", "neo_hookean"), ("identity", "drucker_prager", "von_mises", "fluid")
 SMALL = Net(groups=12, group_size=8, width=16, heads=2)
 

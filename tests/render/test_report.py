@@ -73,7 +73,7 @@ def page(tmp_path):
 
 
 def test_report_asks_for_nothing_outside_itself(page):
-    """Every src is a data URI, there is no link, script or style sheet to fetch, and the policy forbids it all anyway."""
+    """Every src is a data URI, no link, script or style sheet is fetched, and the policy forbids it all."""
     sources = [
         v for _, attrs in page.elements for k, v in attrs.items() if k in ("src", "href", "srcset", "poster", "action")
     ]
