@@ -1,8 +1,8 @@
 """The command line: ``python train.py prompt="a rubber burger falling"``, or ``diffuphy prompt=...`` when installed.
 
-Hydra composes the settings from ``conf/``; everything heavy is imported after that, so help and misspelt settings answer at
-once. A failure that the user can mend is one line on standard error and exit status 2; anything else is a bug of ours and
-keeps its traceback, as does everything with ``HYDRA_FULL_ERROR=1``.
+Hydra composes the settings from ``conf/``; everything heavy is imported after that, so help and misspelt settings
+answer at once. A failure that the user can mend is one line on standard error and exit status 2; anything else is a bug
+of ours and keeps its traceback, as does everything with ``HYDRA_FULL_ERROR=1``.
 """
 
 import hashlib
@@ -33,7 +33,8 @@ def conf_dir() -> Path:
 def slug(*texts: str) -> str:
     """A folder name for texts: what is left of them in ASCII, then six hexadecimal digits of their SHA-256.
 
-    The same text always gives the same name, so the same command continues in the same folder. Empty texts do not count.
+    The same text always gives the same name, so the same command continues in the same folder. Empty texts do not
+    count.
     """
     text = "\n".join(filter(None, texts))
     ascii_text = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
@@ -127,7 +128,7 @@ class Failure(BaseException):
 
 
 def _job(cfg: DictConfig) -> None:
-    """One film. When it fails a run ends at once; a sweep goes on with its other films and ends with the first error."""
+    """One film. When it fails a run ends at once; a sweep makes its other films and ends with the first error."""
     try:
         film(cfg)
     except Exception as error:

@@ -1,11 +1,11 @@
 """Free text on the command line: any prompt survives Hydra's override grammar.
 
-Hydra reads ``key=value`` with a grammar of its own, in which a comma starts a sweep, an apostrophe opens a string, ``1`` is a
-number and every letter outside ASCII is an error. A value that is *text* must reach the configuration as it was typed, so the
-keys named in ``FREE_TEXT`` are quoted here before Hydra sees them.
+Hydra reads ``key=value`` with a grammar of its own, in which a comma starts a sweep, an apostrophe opens a string,
+``1`` is a number and every letter outside ASCII is an error. A value that is *text* must reach the configuration as it
+was typed, so the keys named in ``FREE_TEXT`` are quoted here before Hydra sees them.
 
-Two ways of writing keep their meaning: a value that is already one quoted string (``prompt="'a, b'"`` is ``a, b``), and, in a
-sweep (``-m``), a comma between texts or a Hydra function such as ``choice(a,b)``.
+Two ways of writing keep their meaning: a value that is already one quoted string (``prompt="'a, b'"`` is ``a, b``),
+and, in a sweep (``-m``), a comma between texts or a Hydra function such as ``choice(a,b)``.
 """
 
 import re
@@ -43,8 +43,8 @@ def protect(argv: Sequence[str]) -> list[str]:
 def quote(text: str) -> str:
     """``text`` as a Hydra string that is read back as exactly ``text``.
 
-    Two readers stand behind each other. OmegaConf would replace ``${``, so that gets a backslash, and backslashes before it
-    are doubled; Hydra would end the string at an apostrophe, which its own ``QuotedString`` takes care of.
+    Two readers stand behind each other. OmegaConf would replace ``${``, so that gets a backslash, and backslashes
+    before it are doubled; Hydra would end the string at an apostrophe, which its own ``QuotedString`` takes care of.
     """
     literal = INTERPOLATION.sub(lambda m: m[1] * 2 + "\\${", text)
     return QuotedString(literal, Quote.single).with_quotes()

@@ -5,9 +5,7 @@ import os
 import pytest
 from hypothesis import settings
 
-os.environ.setdefault(
-    "OMP_NUM_THREADS", "1"
-)  # small tensors: threads cost more than they bring, and xdist has the cores
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # small tensors: threads cost more than they bring
 os.environ.setdefault("HF_HUB_OFFLINE", "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.pop("HYDRA_FULL_ERROR", None)

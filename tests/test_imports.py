@@ -45,7 +45,7 @@ MAY_IMPORT = {
     "__init__": set(),
     "__main__": {"cli"},
 }
-"""``artifact`` knows no physics, ``material`` no simulation, ``losses`` no physics; only the last five know everything."""
+"""``artifact`` and ``losses`` know no physics, ``material`` knows no simulation; only ``plan`` knows everything."""
 
 HEAVY = {
     "accelerate": (),
