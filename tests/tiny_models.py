@@ -1,0 +1,112 @@
+"""Tiny random-weight models of the real classes, saved as a user finds them, so that ``from_pretrained`` itself is tested offline.
+
+Every builder writes one folder in the layout of diffusers: ``unet``, ``vae``, ``text_encoder``, ``tokenizer``, ``scheduler``.
+"""
+
+from pathlib import Path
+
+import torch
+
+DIM = 32
+
+
+def byte_symbols() -> list[str]:
+    """The 256 printable stand-ins for bytes of GPT-2's and CLIP's tokenizers (Radford et al. 2019)."""
+    printable = [*range(ord("!"), ord("~") + 1), *range(ord("¡"), ord("¬") + 1), *range(ord("®"), ord("ÿ") + 1)]
+    rest = iter(range(256, 512))
+    return [chr(b) if b in printable else chr(next(rest)) for b in range(256)]
+
+
+def tokenizer():
+    """A CLIPTokenizer of bytes without merges: any string tokenises, and the embedding stays small."""
+    from transformers import CLIPTokenizer
+
+    symbols = byte_symbols()
+    words = [*symbols, *(s + "</w>" for s in symbols), "<|startoftext|>", "<|endoftext|>"]
+    return CLIPTokenizer(vocab={w: i for i, w in enumerate(words)}, merges=[], model_max_length=77)
+
+
+def save_text(folder: Path) -> None:
+    from transformers import CLIPTextConfig, CLIPTextModel
+
+    words = tokenizer()
+    words.save_pretrained(folder / "tokenizer")
+    config = CLIPTextConfig(
+        vocab_size=len(words),
+        hidden_size=DIM,
+        intermediate_size=37,
+        num_attention_heads=4,
+        num_hidden_layers=2,
+        max_position_embeddings=77,
+        bos_token_id=words.bos_token_id,
+        eos_token_id=words.eos_token_id,
+        pad_token_id=words.pad_token_id,
+    )
+    torch.manual_seed(0)
+    CLIPTextModel(config).save_pretrained(folder / "text_encoder")
+
+
+def save_vae(folder: Path) -> None:
+    from diffusers import AutoencoderKL
+
+    torch.manual_seed(1)
+    AutoencoderKL(
+        block_out_channels=[8, 8, 16, 16],
+        down_block_types=["DownEncoderBlock2D"] * 4,
+        up_block_types=["UpDecoderBlock2D"] * 4,
+        latent_channels=4,
+        layers_per_block=1,
+        norm_num_groups=4,
+    ).save_pretrained(folder / "vae")
+
+
+def save_scheduler(folder: Path, prediction: str) -> None:
+    from diffusers import DDIMScheduler
+
+    DDIMScheduler(
+        beta_start=0.00085, beta_end=0.012, beta_schedule="scaled_linear", clip_sample=False, prediction_type=prediction
+    ).save_pretrained(folder / "scheduler")
+
+
+def stable_diffusion(folder: Path, prediction: str = "epsilon") -> Path:
+    """Stable Diffusion with 0.1 M parameters."""
+    from diffusers import UNet2DConditionModel
+
+    torch.manual_seed(2)
+    UNet2DConditionModel(
+        block_out_channels=(8, 16),
+        layers_per_block=1,
+        in_channels=4,
+        out_channels=4,
+        down_block_types=("DownBlock2D", "CrossAttnDownBlock2D"),
+        up_block_types=("CrossAttnUpBlock2D", "UpBlock2D"),
+        cross_attention_dim=DIM,
+        attention_head_dim=4,
+        norm_num_groups=4,
+    ).save_pretrained(folder / "unet")
+    save_text(folder)
+    save_vae(folder)
+    save_scheduler(folder, prediction)
+    return folder
+
+
+def modelscope(folder: Path, prediction: str = "epsilon") -> Path:
+    """ModelScope text-to-video with 0.2 M parameters."""
+    from diffusers import UNet3DConditionModel
+
+    torch.manual_seed(2)
+    UNet3DConditionModel(
+        block_out_channels=(8, 16),
+        layers_per_block=1,
+        in_channels=4,
+        out_channels=4,
+        down_block_types=("CrossAttnDownBlock3D", "DownBlock3D"),
+        up_block_types=("UpBlock3D", "CrossAttnUpBlock3D"),
+        cross_attention_dim=DIM,
+        attention_head_dim=4,
+        norm_num_groups=4,
+    ).save_pretrained(folder / "unet")
+    save_text(folder)
+    save_vae(folder)
+    save_scheduler(folder, prediction)
+    return folder
