@@ -1,8 +1,8 @@
 """What a constitutive law is: one small file that gives one of the two records below.
 
 All laws are isotropic and written in the principal frame of F = U S Vᵀ: principal stretches s_i > 0, Hencky strains
-e_i = ln s_i, deviator ê_i = e_i − tr e / 3. Parameters are shared *by name* among laws: a particle has one "E", whatever
-mixture it is made of. A law is built once for every combination of precision and parameter layout, so that its Warp
+e_i = ln s_i, deviator ê_i = e_i − tr e / 3. Parameters are shared *by name* among laws: a particle has one "E",
+whatever it is made of. A law is built once for every combination of precision and parameter layout, so that its Warp
 functions read their parameters at fixed places and nothing is looked up at run time.
 """
 

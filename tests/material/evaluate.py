@@ -1,0 +1,111 @@
+"""One kernel for all functions of a mixture, and states of strain at which derivatives are easy to get wrong."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from diffuphy.material.mixture import Mixture, make_mixture
+
+DEFAULTS = {
+    "E": 1e5, "nu": 0.3, "yield_stress": 1e4, "friction_angle": 25.0, "cohesion": 0.02, "viscosity": 50.0,
+}  # fmt: skip
+"""Parameters of the tests: a strain of 0.1 is well beyond yield."""
+
+OUTPUTS = ("tau", "Fe", "psi", "valid", "F_bar", "w_e_bar", "w_p_bar", "theta_bar")
+
+
+@cache
+def kernel(mixture: Mixture) -> Any:
+    """A kernel that evaluates every function of the mixture."""
+    real, mat33, w_e_t, w_p_t, theta_t = mixture.real, mixture.mat33, mixture.w_e_t, mixture.w_p_t, mixture.theta_t
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def evaluate(
+        F: wp.array(dtype=mat33), w_e: wp.array(dtype=w_e_t), w_p: wp.array(dtype=w_p_t),
+        theta: wp.array(dtype=theta_t), dt: real, tau_bar: wp.array(dtype=mat33), Fe_bar: wp.array(dtype=mat33),
+        tau: wp.array(dtype=mat33), Fe: wp.array(dtype=mat33), psi: wp.array(dtype=real), valid: wp.array(dtype=int),
+        F_bar: wp.array(dtype=mat33), w_e_bar: wp.array(dtype=w_e_t), w_p_bar: wp.array(dtype=w_p_t),
+        theta_bar: wp.array(dtype=theta_t),
+    ):  # fmt: skip
+        p = wp.tid()
+        tau_p, Fe_p = mixture.stress(F[p], w_e[p], w_p[p], theta[p], dt)
+        a, b, c, d = mixture.stress_adjoint(F[p], w_e[p], w_p[p], theta[p], dt, tau_bar[p], Fe_bar[p])
+        tau[p] = tau_p
+        Fe[p] = Fe_p
+        psi[p] = mixture.energy(Fe_p, w_e[p], theta[p])
+        valid[p] = int(mixture.valid(F[p]))
+        F_bar[p] = a
+        w_e_bar[p] = b
+        w_p_bar[p] = c
+        theta_bar[p] = d
+
+    return evaluate
+
+
+def evaluate(
+    elastic: tuple[str, ...],
+    plastic: tuple[str, ...],
+    F: np.ndarray,
+    *,
+    w_e: np.ndarray | None = None,
+    w_p: np.ndarray | None = None,
+    theta: np.ndarray | None = None,
+    params: dict[str, float] | None = None,
+    dt: float = 1e-3,
+    tau_bar: np.ndarray | None = None,
+    Fe_bar: np.ndarray | None = None,
+    real: Any = wp.float64,
+) -> dict[str, np.ndarray]:
+    """All outputs of the mixture at states F (N, 3, 3); uniform weights and ``DEFAULTS`` unless given."""
+    m = make_mixture(elastic, plastic, real)
+    n, dtype = len(F), np.float32 if real is wp.float32 else np.float64
+    if theta is None:
+        theta = np.tile([(DEFAULTS | (params or {}))[p] for p in m.params], (n, 1))
+    w_e = np.full((n, max(1, m.Ke)), 1 / max(1, m.Ke)) if w_e is None else w_e
+    w_p = np.full((n, max(1, m.Kp)), 1 / max(1, m.Kp)) if w_p is None else w_p
+
+    def array(value: np.ndarray | None, kind: Any) -> wp.array:
+        value = np.zeros((n, 3, 3)) if value is None else value
+        return wp.array(np.ascontiguousarray(value, dtype=dtype), dtype=kind, device="cpu")
+
+    inputs = [array(F, m.mat33), array(w_e, m.w_e_t), array(w_p, m.w_p_t), array(theta, m.theta_t), dt]
+    inputs += [array(tau_bar, m.mat33), array(Fe_bar, m.mat33)]
+    kinds = (m.mat33, m.mat33, real, int, m.mat33, m.w_e_t, m.w_p_t, m.theta_t)
+    outputs = [wp.zeros(n, dtype=k, device="cpu") for k in kinds]
+    wp.launch(kernel(m), dim=n, inputs=inputs, outputs=outputs, device="cpu")
+    return {name: out.numpy() for name, out in zip(OUTPUTS, outputs, strict=True)}
+
+
+def rotations(n: int, rng: np.random.Generator) -> np.ndarray:
+    """Random rotations, shape (n, 3, 3)."""
+    Q, _ = np.linalg.qr(rng.normal(size=(n, 3, 3)))
+    return Q * np.sign(np.linalg.det(Q))[:, None, None]
+
+
+def stretched(s: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Deformations with principal stretches s (N, 3) in random frames."""
+    return (rotations(len(s), rng) * s[:, None, :]) @ rotations(len(s), rng)
+
+
+def generic(n: int, rng: np.random.Generator, spread: float = 0.35) -> np.ndarray:
+    """Deformations with log-stretches of this spread, shape (n, 3, 3)."""
+    return stretched(np.exp(rng.uniform(-spread, spread, (n, 3))), rng)
+
+
+def special(rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Named states at which the singular value decomposition has no derivative, or nearly none."""
+    Q = rotations(8, rng)
+    noise = rng.normal(size=(8, 3, 3))
+    equal = np.column_stack([np.full(8, 1.1), np.full(8, 1.1), rng.uniform(0.8, 1.0, 8)])
+    return {
+        "identity": np.tile(np.eye(3), (8, 1, 1)),
+        "rotation": Q,
+        "twice": 2.0 * Q,
+        "half": 0.7 * Q,
+        "two equal stretches": stretched(equal, rng),
+        "nearly equal stretches": stretched(equal * (1 + 1e-7 * rng.normal(size=(8, 3))), rng),
+        "nearly identity": np.eye(3) + 1e-6 * noise,
+        "equal to 1 %": stretched(equal * (1 + 1e-2 * rng.normal(size=(8, 3))), rng),
+    }
