@@ -1,9 +1,11 @@
 """The three forms of the velocity loss, in closed form."""
 
+import math
+
 import pytest
 import torch
 
-from diffuphy.losses.velocity import Velocity, velocity_loss
+from diffuphy.losses.velocity import Velocity, contact_impulse, velocity_loss
 
 G = (0.0, 0.0, -9.8)
 DT = 1 / 30
@@ -88,6 +90,58 @@ def test_velocity_loss_has_its_exact_gradient(form):
     v, m = normal(4, 3, 3).requires_grad_(), masses(3)
     given = {"expected_dv": normal(3, 3, 3, seed=1), "impulse": normal(3, 3, seed=2)}
     assert torch.autograd.gradcheck(lambda v: velocity_loss(form, v, m, gravity=G, dt=DT, **given), (v,))
+
+
+def asking(*impulses):
+    """Velocities of two masses for which R = Σ m Δv − M g Δt is each of the given impulses in turn."""
+    m = torch.tensor([0.5, 1.5], dtype=torch.float64)
+    steps = torch.tensor(impulses, dtype=torch.float64) / m.sum() + FALL
+    v = torch.cat([torch.zeros(1, 3, dtype=torch.float64), steps.cumsum(0)])
+    return v[:, None].expand(-1, 2, -1), m
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.5, math.inf])
+def test_contact_impulse_is_the_projection_on_the_cone_of_coulomb(mu):
+    """J ∈ cone, (R − J)·J = 0, and (R − J)·k ≤ 0 for every k in the cone (Moreau)."""
+    asked = 3 * normal(200, 3)
+    v, m = asking(*asked.tolist())
+    J = contact_impulse(v, m, torch.ones(200, dtype=torch.bool), gravity=G, dt=DT, friction=mu)
+    slack = 1e-12  # rounding of sums of numbers ~ 10, and of v ~ 40 after 200 steps
+    assert (J[:, 2] >= -slack).all()
+    if math.isfinite(mu):
+        assert (J[:, :2].norm(dim=1) <= mu * J[:, 2] + slack).all()
+    assert ((asked - J) * J).sum(1).abs().max() < 100 * slack
+    angle = torch.linspace(0, 2 * math.pi, 60, dtype=torch.float64)
+    out, up = (1.0, 0.0) if math.isinf(mu) else (mu, 1.0)
+    edge = torch.stack([out * angle.cos(), out * angle.sin(), torch.full_like(angle, up)], 1)
+    assert ((asked - J) @ edge.T / edge.norm(dim=1)).max() < slack
+
+
+def test_contact_explains_a_bounce_but_no_push_in_mid_air_and_no_pull():
+    """Bounce, drop, the same push without touch, and glue: r = 0, 0, J/M, J/M, with M = 2 kg."""
+    v, m = asking((0.3, 0.0, 4.0), (0.0, 0.0, 0.0), (0.0, 0.0, 4.0), (0.0, 0.0, -4.0))
+    touching = torch.tensor([True, False, False, True])
+    J = contact_impulse(v, m, touching, gravity=G, dt=DT, friction=0.5)
+    torch.testing.assert_close(J[0], torch.tensor([0.3, 0.0, 4.0], dtype=torch.float64))
+    loss = velocity_loss("momentum", v, m, gravity=G, dt=DT, impulse=J)
+    torch.testing.assert_close(loss.item(), 2 * (4.0 / 2.0) ** 2 / 4, rtol=1e-12, atol=0)
+
+
+def test_contact_residual_has_its_exact_gradient_though_the_impulse_is_constant():
+    """d/dR |R − P(R)|² = 2 (R − P(R)) for the projection on a convex set."""
+    v, m = asking((3.0, 0.0, 4.0), (1.0, 2.0, -1.0), (0.1, 0.0, 2.0))
+    touching = torch.tensor([True, True, True])
+
+    def loss(v):
+        J = contact_impulse(v, m, touching, gravity=G, dt=DT, friction=0.5)
+        return velocity_loss("momentum", v, m, gravity=G, dt=DT, impulse=J)
+
+    v = v.clone().requires_grad_()
+    (grad,) = torch.autograd.grad(loss(v), v)
+    direction = normal(*v.shape)
+    h = 1e-6  # quadratic between kinks: the central difference is exact up to rounding 1e-16 / h
+    difference = (loss(v + h * direction) - loss(v - h * direction)) / (2 * h)
+    torch.testing.assert_close((grad * direction).sum(), difference.detach(), rtol=1e-7, atol=1e-9)
 
 
 def test_velocity_component_weighs_and_says_what_it_needs():
