@@ -25,7 +25,7 @@ def burger(s: Sketch) -> None:
         z += 2 * half - 0.01
     turn = s.jitter(40)
     if s.has("cheese"):
-        s.box("cheese", (0, 0, z + 0.035), (r * 0.88, r * 0.88, 0.03), 0.025, turn=(0, 0, 30 + turn), bend=(0, 0, 0, 0.10))
+        s.box("cheese", (0, 0, z + 0.035), (r * 0.93, r * 0.93, 0.032), 0.025, turn=(0, 0, 30 + turn), bend=(0, 0, 0, 0.10))
         z += 0.05
     turn = s.jitter(40)
     if s.has("lettuce"):
@@ -81,7 +81,7 @@ def pancakes(s: Sketch) -> None:
 def jelly(s: Sketch) -> None:
     """A ribbed mould turned out on nothing: wide skirt, two tiers, a dimpled crown."""
     ribs, n = s.vary(0.075, 0.2), 12
-    clear = s.paint("jelly", gloss=0.8, glow=0.5)
+    clear = s.paint("jelly", (0.99, 0.36, 0.34), pattern=k.HEIGHT, scale=0.5, gloss=0.7, glow=0.2)
     s.frustum("jelly", (0, 0, 0.12), s.vary(0.95, 0.04), 0.88, 0.14, 0.10, paint=clear, bend=(0, ribs, n, 0))
     s.frustum("jelly", (0, 0, 0.52), 0.86, s.vary(0.62, 0.06), 0.34, 0.12, paint=clear, bend=(0, ribs, n, 0), blend=0.06)
     s.frustum("jelly", (0, 0, 0.92), 0.56, 0.46, 0.16, 0.12, paint=clear, bend=(0, ribs, n, 0), blend=0.10)
@@ -119,30 +119,30 @@ def cake(s: Sketch) -> None:
 def ice_cream(s: Sketch) -> None:
     """A waffle cone with three scoops, a wafer of chocolate sauce and a cherry."""
     waffle = s.paint("cone", (0.72, 0.44, 0.18), pattern=k.WAFFLE, scale=12.0)
-    s.frustum("cone", (0, 0, 0.55), 0.045, 0.40, 0.56, 0.04, paint=waffle)
-    s.torus("cone", (0, 0, 1.09), 0.385, 0.045, paint=Paint((0.83, 0.56, 0.27)))
+    s.frustum("cone", (0, 0, 0.55), 0.05, 0.47, 0.56, 0.04, paint=waffle)
+    s.torus("cone", (0, 0, 1.09), 0.45, 0.05, paint=Paint((0.83, 0.56, 0.27)))
     pink: RGB = (0.98, 0.66, 0.72)
     brown: RGB = (0.48, 0.29, 0.18)
     vanilla = s.parts["scoop"].colour
-    places = ((0.20, 0.0, 1.28, pink), (-0.17, 0.12, 1.30, brown), (0.0, -0.04, 1.66, vanilla))
+    places = ((0.20, -0.12, 1.30, pink), (-0.19, 0.14, 1.32, brown), (0.02, 0.02, 1.74, vanilla))
     for x, y, z, colour in places:
-        r = s.vary(0.36, 0.05)
-        paint = Paint(colour, tuple(0.94 * c for c in colour), pattern=k.NOISE, scale=6.0, grain=0.04)
+        r = s.vary(0.42, 0.05)
+        paint = Paint(colour, tuple(0.93 * c for c in colour), pattern=k.NOISE, scale=6.0, grain=0.04)
         s.ball("scoop", (x, y, z), r, paint=paint)
-        s.torus("scoop", (x, y, z - 0.17), r * 0.88, 0.065, paint=paint, blend=0.06, bend=(0.03, 0.03, 7, 0.0))
-    sauce = s.paint("sauce", gloss=0.7)
-    s.dome("sauce", (0.0, -0.04, 1.80), (0.33, 0.33, 0.245), 0.03, paint=sauce)
-    for i in range(7):
-        theta = 2 * math.pi * i / 7
+        s.torus("scoop", (x, y, z - 0.19), r * 0.93, 0.065, paint=paint, blend=0.10, bend=(0, 0.04, 9, 0))
+    sauce = s.paint("sauce", gloss=0.6)
+    s.dome("sauce", (0.02, 0.02, 1.84), (0.39, 0.39, 0.345), 0.03, paint=sauce)
+    for i in range(8):
+        theta = 2 * math.pi * i / 8
         c, sn = math.cos(theta), math.sin(theta)
-        low = 1.70 - 0.12 * abs(s.scatter())
-        s.limb("sauce", (0.29 * c, 0.29 * sn - 0.04, 1.84), (0.355 * c, 0.355 * sn - 0.04, low), 0.055, 0.045, paint=sauce, blend=0.05)
-    s.ball("cherry", (0, -0.04, 2.14), 0.12, paint=s.paint("cherry", gloss=0.8))
-    s.limb("stem", (0, -0.04, 2.23), (0.08, 0.03, 2.42), 0.014, 0.014)
+        low = 1.76 - 0.14 * abs(s.scatter())
+        s.limb("sauce", (0.36 * c + 0.02, 0.36 * sn + 0.02, 1.88), (0.42 * c + 0.02, 0.42 * sn + 0.02, low), 0.055, 0.05, paint=sauce, blend=0.05)
+    s.ball("cherry", (0.02, 0.02, 2.27), 0.13, paint=s.paint("cherry", gloss=0.8))
+    s.limb("stem", (0.02, 0.02, 2.36), (0.09, 0.08, 2.50), 0.015, 0.015)
 
 
 def apple(s: Sketch) -> None:
-    skin = s.paint("flesh", (0.93, 0.62, 0.18), pattern=k.HEIGHT, scale=0.75, gloss=0.7)
+    skin = s.paint("flesh", (0.93, 0.62, 0.18), pattern=k.HEIGHT, scale=0.75, gloss=0.5)
     s.ellipsoid("flesh", (0, 0, 0.06), (s.vary(0.80, 0.04), s.vary(0.80, 0.04), 0.72), paint=skin)
     s.ellipsoid("flesh", (0, 0, -0.36), (0.52, 0.52, 0.42), paint=skin, blend=0.30)
     s.ellipsoid("flesh", (0, 0, 0.84), (0.20, 0.20, 0.26), paint=skin, cut=True, blend=0.36)

@@ -26,15 +26,17 @@ FAR = 1.0e6
 HIT = 1.0e-3
 """Distance at which a ray is on the surface [object units]; a fifteenth of a pixel at 128 px."""
 STEPS = 96
+PROBE = 1.5e-3
+"""Half the side of the tetrahedron on which the gradient is measured [drawing units]."""
 SKY_STEP = 0.11
 """Spacing of the points at which occlusion is measured [drawing units]; the farthest sees primitives within 5 of it."""
 
 
 KIND, AT, SLAB, TURN, SIZE, BEND, LIMITS, PAINT, SECOND, THIRD, GLOSS, COLUMNS = range(12)
 """Columns of the table, each a vec4:
-KIND    kind, group, UNION or CUT, blend radius
-AT      centre, bounding radius with the reach of its blend
-SLAB    local z axis, half height with the reach of its blend
+KIND    kind, group, UNION or CUT, blend radius k of the join
+AT      centre, bounding radius with the reach
+SLAB    local z axis, half height with the reach
 TURN    quaternion xyzw from the primitive's frame to the drawing's
 SIZE    sizes
 BEND    ruffle, ribs, count, droop
@@ -42,13 +44,16 @@ LIMITS  of the bend: 1 / Lipschitz constant, swelling, distance from which the s
 PAINT   colour, pattern
 SECOND  second colour, scale
 THIRD   third colour, grain
-GLOSS   highlight, glow
+GLOSS   highlight, glow, reach: how far the blends of its group may move the surface
 """
 
 
 @wp.func
 def ellipsoid(p: wp.vec3, r: wp.vec3):
-    """Outside k0 (k0 - 1) / k1 with k0 = |p/r|, k1 = |p/r²| (first order exact at the surface); inside (k0 - 1) min r."""
+    """Outside k0 (k0 - 1) / k1 with k0 = |p/r|, k1 = |p/r²|, first order exact at the surface; inside (k0 - 1) min r.
+
+    A lower bound, but steeper than 1 far from thin ellipsoids.
+    """
     k0 = wp.length(wp.cw_div(p, r))
     if k0 < 1.0:
         return (k0 - 1.0) * wp.min(r)
@@ -190,12 +195,12 @@ def clearance(j: int, p: wp.vec3, rows: wp.array2d(dtype=wp.vec4)):
 
 
 @wp.func
-def distance(p: wp.vec3, ids: wp.array(dtype=wp.int32), start: int, count: int, rows: wp.array2d(dtype=wp.vec4)):
-    """Distance of a point of the drawing to the listed primitives, and the primitive it is nearest to (-1: none).
+def distance(p: wp.vec3, cap: float, ids: wp.array(dtype=wp.int32), start: int, count: int, rows: wp.array2d(dtype=wp.vec4)):
+    """Smaller of `cap` and the distance of a point of the drawing to the listed primitives, and the primitive it is nearest to (-1: none).
 
-    A primitive whose bounds are farther than what is known by more than its blend radius cannot change the answer.
+    A primitive whose bounds, which hold the reach of its group's blends, are farther than what is known cannot change the answer.
     """
-    best = float(FAR)
+    best = cap
     hit = int(-1)
     d = float(FAR)
     owner = int(-1)
@@ -215,7 +220,7 @@ def distance(p: wp.vec3, ids: wp.array(dtype=wp.int32), start: int, count: int, 
         if int(how[2]) == wp.static(CUT):
             if away < blend - d:
                 d = -smooth_min(-d, wp.max(primitive(j, p, rows), away), blend)
-        elif away - blend < wp.min(best, d):
+        elif away < wp.min(best, d):
             e = wp.max(primitive(j, p, rows), away)
             if e < d:
                 owner = j
@@ -227,8 +232,8 @@ def distance(p: wp.vec3, ids: wp.array(dtype=wp.int32), start: int, count: int, 
 
 
 @wp.func
-def normal(p: wp.vec3, ids: wp.array(dtype=wp.int32), start: int, count: int, rows: wp.array2d(dtype=wp.vec4)):
-    """Unit gradient of the distance by four evaluations at the corners of a tetrahedron."""
+def normal(p: wp.vec3, cap: float, ids: wp.array(dtype=wp.int32), start: int, count: int, rows: wp.array2d(dtype=wp.vec4)):
+    """Unit gradient of the distance, which must be below the cap, by four evaluations at the corners of a tetrahedron."""
     n = wp.vec3(0.0, 0.0, 0.0)
     for i in range(4):
         e = wp.vec3(-1.0, -1.0, -1.0)
@@ -238,7 +243,7 @@ def normal(p: wp.vec3, ids: wp.array(dtype=wp.int32), start: int, count: int, ro
             e = wp.vec3(1.0, -1.0, 1.0)
         elif i == 2:
             e = wp.vec3(-1.0, 1.0, 1.0)
-        d, k = distance(p + 0.0015 * e, ids, start, count, rows)
+        d, k = distance(p + wp.static(PROBE) * e, cap, ids, start, count, rows)
         n = n + d * e
     return wp.normalize(n)
 
@@ -327,7 +332,7 @@ def openness(p: wp.vec3, n: wp.vec3, ids: wp.array(dtype=wp.int32), start: int, 
     weight = float(0.34)
     for i in range(3):
         step = wp.static(SKY_STEP) * (0.5 + float(i))
-        d, k = distance(p + step * n, ids, start, count, rows)
+        d, k = distance(p + step * n, step, ids, start, count, rows)
         free = free - weight * wp.clamp(1.0 - d / step, 0.0, 1.0)
         weight = weight * 0.7
     return free
@@ -348,7 +353,7 @@ def shade(j: int, p: wp.vec3, n: wp.vec3, free: float, rows: wp.array2d(dtype=wp
     c = light * paint(j, p, rows)
     gloss = rows[j, wp.static(GLOSS)][0]
     if gloss > 0.0:
-        c = mix(c, wp.vec3(1.0), gloss * ramp(0.90, 0.99, wp.dot(n, wp.normalize(key + wp.vec3(0.1, -0.25, 0.0)))))
+        c = mix(c, wp.vec3(1.0), gloss * ramp(0.93, 1.005, wp.dot(n, wp.normalize(key + wp.vec3(0.1, -0.25, 0.0)))))
     return wp.vec3(wp.clamp(c[0], 0.0, 1.0), wp.clamp(c[1], 0.0, 1.0), wp.clamp(c[2], 0.0, 1.0))
 
 
@@ -390,8 +395,9 @@ def march_cone(
 ):
     """How far every ray within `spread` of the axis may go: |o + t d - p| ≤ t spread, so each may advance by r - t spread."""
     t = near
+    r = float(0.5 * FAR)
     for _step in range(wp.static(STEPS)):
-        r, j = distance(origin + t * axis, ids, start, count, rows)
+        r, j = distance(origin + t * axis, 2.0 * r + HIT, ids, start, count, rows)
         advance = r - t * spread
         if advance < 0.2 * t * spread or t > far:
             break
@@ -402,7 +408,7 @@ def march_cone(
 @wp.func
 def cone_meets(j: int, origin: wp.vec3, axis: wp.vec3, spread: float, near: float, far: float, rows: wp.array2d(dtype=wp.vec4)):
     """False when the cone of rays surely passes primitive j, blend included: the march of `march_cone` against it alone."""
-    reach = 1.25 * rows[j, wp.static(KIND)][3]
+    reach = rows[j, wp.static(GLOSS)][2]
     t = near
     for _step in range(wp.static(STEPS)):
         p = origin + t * axis
@@ -498,8 +504,9 @@ def trace(
             d = ray(px, py, ks[c], views[c])
             t = near
             hit = int(-1)
+            r = float(0.5 * FAR)
             for _step in range(wp.static(STEPS)):
-                r, j = distance(origin + t * d, ids, start, count, rows)
+                r, j = distance(origin + t * d, 2.0 * r + HIT, ids, start, count, rows)
                 if r < wp.static(HIT):
                     hit = j
                     break
@@ -508,7 +515,7 @@ def trace(
                     break
             if hit >= 0:
                 p = origin + t * d
-                n = normal(p, ids, start, count, rows)
+                n = normal(p, wp.static(HIT + 4.0 * PROBE), ids, start, count, rows)
                 if hit != shadowed:  # occlusion is smooth: one value a pixel and primitive
                     free = openness(p, n, ids, around, int(span[1]), rows)
                     shadowed = hit
@@ -528,7 +535,7 @@ def query(
 ):
     """Signed distance at points, and the primitive that is nearest."""
     i = wp.tid()
-    r, j = distance((points[i] - wp.vec3(frame[0], frame[1], frame[2])) / frame[3], ids, 0, ids.shape[0], rows)
+    r, j = distance((points[i] - wp.vec3(frame[0], frame[1], frame[2])) / frame[3], FAR, ids, 0, ids.shape[0], rows)
     d[i] = r * frame[3]
     owner[i] = j
 
@@ -545,7 +552,7 @@ def look(
     """Unit gradient of the distance and shaded colour at points near the surface."""
     i = wp.tid()
     p = (points[i] - wp.vec3(frame[0], frame[1], frame[2])) / frame[3]
-    n = normal(p, ids, 0, ids.shape[0], rows)
-    r, j = distance(p, ids, 0, ids.shape[0], rows)
+    n = normal(p, FAR, ids, 0, ids.shape[0], rows)
+    r, j = distance(p, FAR, ids, 0, ids.shape[0], rows)
     normals[i] = n
     colours[i] = shade(j, p, n, openness(p, n, ids, 0, ids.shape[0], rows), rows)

@@ -64,6 +64,8 @@ class Primitive:
     blend: float = 0.0
     bend: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     """Ruffle (height of z waves at the rim), ribs (relative scallop of the radius), count of both, droop (fall of z at the rim)."""
+    reach: float = 0.0
+    """1.25 times the largest blend radius k of its group: a smooth union moves the surface only where both distances are below 1.25 k."""
 
     @property
     def _extent(self) -> tuple[float, float]:
@@ -87,20 +89,17 @@ class Primitive:
 
     @property
     def bound(self) -> float:
-        """Radius of a ball about `at` outside which the primitive, bent and blended, does not reach.
-
-        A smooth union of radius k moves the surface only where both distances are below 1.25 k.
-        """
+        """Radius of a ball about `at` outside which the primitive, bent and blended, does not reach."""
         wide, high = self._extent
         round_ = self.kind in (k.ELLIPSOID, k.DOME)
-        return (max(wide, high) if round_ else math.hypot(wide, high)) + self._swelling + 1.25 * self.blend
+        return (max(wide, high) if round_ else math.hypot(wide, high)) + self._swelling + self.reach
 
     @property
     def slab(self) -> tuple[float, float, float, float]:
         """Local z axis in the object's frame, and half the thickness of the slab about `at` that holds the primitive."""
         x, y, z, w = self.turn
         axis = (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y))
-        return (*axis, self._extent[1] + self._swelling + 1.25 * self.blend)
+        return (*axis, self._extent[1] + self._swelling + self.reach)
 
     @property
     def limits(self) -> tuple[float, float, float]:
@@ -204,6 +203,13 @@ class Sketch:
         self.primitives.append(
             Primitive(kind, part, tuple(at), turn, a, replace(paint, colour=(r, g, b)), self._group, cut, blend, bend)
         )
+
+    def finished(self) -> list[Primitive]:
+        """The primitives, each told how far the blends of its group reach."""
+        blends: dict[int, float] = {}
+        for p in self.primitives:
+            blends[p.group] = max(blends.get(p.group, 0.0), p.blend)
+        return [replace(p, reach=1.25 * blends[p.group]) for p in self.primitives]
 
     def ellipsoid(self, part: str, at: Vec, radii: Vec, **how) -> None:
         self.add(k.ELLIPSOID, part, at, radii, **how)

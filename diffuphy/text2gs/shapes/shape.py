@@ -39,12 +39,13 @@ class Shape:
         wp.init()
         sketch = Sketch(recipe.parts, without, variant, recipe.name)
         recipe.draw(sketch)
-        drawn = {p.part for p in sketch.primitives}
+        primitives = sketch.finished()
+        drawn = {p.part for p in primitives}
         if not drawn:
             raise ValueError(f"nothing is left of {recipe.name} without {', '.join(sorted(without))}; keep at least one part")
         self.name = recipe.name
         self.parts: tuple[Part, ...] = tuple(p for p in recipe.parts if p.name in drawn)
-        self.primitives: tuple[Primitive, ...] = tuple(_coloured(sketch.primitives, recipe.parts, surface))
+        self.primitives: tuple[Primitive, ...] = tuple(_coloured(primitives, recipe.parts, surface))
         index = {p.name: i for i, p in enumerate(self.parts)}
         self._part = torch.tensor([index[p.part] for p in self.primitives] + [-1])
         self._tables: dict[str, Tensor] = {}
@@ -130,7 +131,7 @@ class Shape:
                     [*p.paint.colour, p.paint.pattern],
                     [*p.paint.second, p.paint.scale],
                     [*p.paint.third, p.paint.grain],
-                    [p.paint.gloss, p.paint.glow, 0.0, 0.0],
+                    [p.paint.gloss, p.paint.glow, p.reach, 0.0],
                 ]
                 for p in self.primitives
             ]

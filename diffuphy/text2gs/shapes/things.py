@@ -44,7 +44,7 @@ def mug(s: Sketch) -> None:
 
 def pile(s: Sketch) -> None:
     """A cone of stones at about the angle of repose, 37°."""
-    base, top = 1.0, s.vary(0.62, 0.1)
+    base, top = 1.0, s.vary(0.74, 0.08)
     s.frustum("stone", (0, 0, 0.46 * top), 0.86 * base, 0.05, 0.46 * top, 0.04, paint=Paint((0.34, 0.32, 0.30)))
     greys = ((0.62, 0.60, 0.57), (0.50, 0.49, 0.48), (0.70, 0.66, 0.60), (0.55, 0.48, 0.42), (0.44, 0.44, 0.46), (0.74, 0.70, 0.64))
     n = 150
@@ -65,13 +65,14 @@ def pile(s: Sketch) -> None:
 
 
 def mound(s: Sketch) -> None:
-    """A heap of something fine, with a slightly uneven surface."""
-    grain = s.paint("heap", tuple(0.88 * c for c in s.parts["heap"].colour), pattern=k.NOISE, scale=6.0, grain=0.16)
-    s.frustum("heap", (0, 0, 0.28), 1.0, 0.10, s.vary(0.30, 0.1), 0.05, paint=grain)
+    """A heap of something fine, poured from above: a cone at about 35° with a soft tip and foot."""
+    grain = s.paint("heap", tuple(0.86 * c for c in s.parts["heap"].colour), pattern=k.NOISE, scale=5.0, grain=0.16)
+    top = s.vary(0.62, 0.1)
+    s.frustum("heap", (0, 0, 0.5 * top), 0.98, 0.12, 0.5 * top, 0.10, paint=grain)
     for i in range(9):
-        theta, rho = GOLDEN * i, 0.55 + s.scatter(0.2)
-        at = (rho * math.cos(theta), rho * math.sin(theta), 0.44 * (1 - rho))
-        s.ellipsoid("heap", at, (0.26, 0.26, 0.16), paint=grain, blend=0.22)
+        theta = GOLDEN * i
+        at = (0.78 * math.cos(theta), 0.78 * math.sin(theta), 0.08)
+        s.ellipsoid("heap", at, (0.24, 0.24, 0.12 + s.scatter(0.03)), paint=grain, blend=0.16)
 
 
 def castle(s: Sketch) -> None:

@@ -84,17 +84,17 @@ def bunny(s: Sketch) -> None:
 
 
 def tower(s: Sketch) -> None:
-    """Five coloured blocks and a roof."""
-    colours = ((0.88, 0.22, 0.18), (0.20, 0.55, 0.88), (0.98, 0.78, 0.16), (0.34, 0.70, 0.30), (0.95, 0.50, 0.14))
-    half, z = 0.30, 0.0
-    for i in range(5):
-        h = half * (1 - 0.03 * i)
-        at = (s.scatter(0.05), s.scatter(0.05), z + h)
-        c = colours[(i + int(abs(s.jitter(4.9)))) % 5]
-        paint = Paint(c, tuple(0.86 * x for x in c), third=(0.99, 0.93, 0.80), pattern=k.FACES, scale=0.72)
-        s.box("block", at, (h, h, h), 0.045, paint=paint, turn=(0, 0, s.scatter(16)))
+    """Four coloured blocks, a little out of line, and a roof."""
+    colours = ((0.88, 0.22, 0.18), (0.98, 0.78, 0.16), (0.20, 0.55, 0.88), (0.34, 0.70, 0.30))
+    z, shift = 0.0, int(abs(s.jitter(3.99)))
+    for i in range(4):
+        h = 0.30 - 0.012 * i
+        at = (s.scatter(0.06), s.scatter(0.06), z + h)
+        c = colours[(i + shift) % 4]
+        paint = Paint(c, tuple(0.86 * x for x in c), third=(0.99, 0.93, 0.80), pattern=k.FACES, scale=0.74)
+        s.box("block", at, (h, h, h), 0.045, paint=paint, turn=(0, 0, s.scatter(18)))
         z += 2 * h
-    s.frustum("block", (0, 0, z + 0.20), 0.32, 0.04, 0.21, 0.03, paint=Paint((0.56, 0.30, 0.70)), turn=(0, 0, 0))
+    s.frustum("block", (0.02, 0, z + 0.17), 0.34, 0.04, 0.18, 0.03, paint=Paint((0.93, 0.50, 0.16)))
 
 
 def rocket(s: Sketch) -> None:
