@@ -145,43 +145,39 @@ def rows(boundaries: Sequence[Boundary], grid: Grid, times: np.ndarray) -> np.nd
 
 
 @lru_cache
-def make_contact(walls: Signature, real: type) -> SimpleNamespace:
-    """Warp functions ``apply(v, r, row, s)`` and ``adjoint(v, r, row, s, v_bar)`` for one list of walls.
-
-    ``r`` is the node from the lowest node of the grid [m], ``row`` the wall data, ``s`` the row of this step. The adjoint is with
-    respect to the velocity before the walls; walls themselves are data.
-    """
+def _make_wall(shape: str, kind: str, rough: bool, real: type) -> tuple[wp.Function, wp.Function]:
+    """Warp functions of one wall: the velocity after it, and the adjoint of that."""
     vec3, wall_t = wp.types.vector(3, real), wp.types.vector(N_WALL, real)
-    K = len(walls)
-    before_t = wp.types.matrix((max(K, 1), 3), real)
+    ball, sticky, slip = shape == "Sphere", kind == "sticky", kind == "slip"
 
-    @wp.func
-    def surface(ball: bool, w: wall_t, r: vec3):
-        """Normal and φ + reach·Δx; φ is taken as positive while the wall does not act."""
+    @wp.func(module="unique")
+    def surface(w: wall_t, r: vec3):
+        """Normal, and φ + reach·Δx."""
         n = vec3(w[0], w[1], w[2])
-        phi = wp.dot(n, r) - w[3]
-        if ball:
-            e = r - n
-            d = wp.length(e)
-            n = vec3(real(0.0), real(0.0), real(1.0))
-            if d > real(0.0):
-                n = e / d
-            phi = d - w[3]
-        if w[8] == real(0.0):
-            phi = real(1.0)
-        return n, phi
+        if wp.static(not ball):
+            return n, wp.dot(n, r) - w[3]
+        e = r - n
+        d = wp.length(e)
+        n = vec3(real(0.0), real(0.0), real(1.0))
+        if d > real(0.0):
+            n = e / d
+        return n, d - w[3]
 
-    @wp.func
-    def respond(sticky: bool, slip: bool, rough: bool, v: vec3, n: vec3, w: wall_t):
+    @wp.func(module="unique")
+    def act(v: vec3, r: vec3, w: wall_t) -> vec3:
+        n, phi = surface(w, r)
+        if phi > real(0.0) or w[8] == real(0.0):
+            return v
         V = vec3(w[4], w[5], w[6])
-        if sticky:
+        if wp.static(sticky):
             return V
         u = v - V
         u_n = wp.dot(u, n)
-        if not slip and u_n >= real(0.0):
-            return v
+        if wp.static(not slip):
+            if u_n >= real(0.0):
+                return v
         t = u - u_n * n
-        if rough:
+        if wp.static(rough):
             length = wp.length(t)
             drag = -w[7] * u_n
             if drag >= length:
@@ -189,59 +185,67 @@ def make_contact(walls: Signature, real: type) -> SimpleNamespace:
             t = t * (real(1.0) - drag / length)
         return V + t
 
-    @wp.func
-    def respond_adjoint(sticky: bool, slip: bool, rough: bool, v: vec3, n: vec3, w: wall_t, o_bar: vec3):
-        if sticky:
-            return vec3(real(0.0))
+    @wp.func(module="unique")
+    def act_adjoint(v: vec3, r: vec3, w: wall_t, o_bar: vec3) -> vec3:
+        n, phi = surface(w, r)
+        if phi > real(0.0) or w[8] == real(0.0):
+            return o_bar
+        if wp.static(sticky):
+            return vec3()
         u = v - vec3(w[4], w[5], w[6])
         u_n = wp.dot(u, n)
-        if not slip and u_n >= real(0.0):
-            return o_bar
-        if not rough:
-            return o_bar - wp.dot(o_bar, n) * n
-        # o = t (1 + μ u_n / |t|);  do = dt (1 + μ u_n/|t|) + t (μ du_n/|t| − μ u_n t·dt/|t|³)
-        t = u - u_n * n
-        length = wp.length(t)
-        mu = w[7]
-        if -mu * u_n >= length:
-            return vec3(real(0.0))
-        e = t / length
-        along = wp.dot(e, o_bar)
-        t_bar = (real(1.0) + mu * u_n / length) * o_bar - (mu * u_n / length * along) * e
-        return t_bar - wp.dot(t_bar, n) * n + (mu * along) * n
+        if wp.static(not slip):
+            if u_n >= real(0.0):
+                return o_bar
+        if wp.static(rough):
+            # o = t (1 + μ u_n/|t|):  do = dt (1 + μ u_n/|t|) + t (μ du_n/|t| − μ u_n t·dt/|t|³)
+            t = u - u_n * n
+            length = wp.length(t)
+            k = w[7] * u_n / length
+            if length <= -w[7] * u_n:
+                return vec3()
+            e = t / length
+            along = wp.dot(e, o_bar)
+            t_bar = (real(1.0) + k) * o_bar - (k * along) * e
+            return t_bar - wp.dot(t_bar, n) * n + (w[7] * along) * n
+        return o_bar - wp.dot(o_bar, n) * n
 
-    @wp.func
-    def apply(v: vec3, r: vec3, row: wp.array2d[wall_t], s: wp.int32):
-        for b in range(wp.static(K)):
-            w = row[s, b]
-            n, phi = surface(wp.static(walls[b][0] == "Sphere"), w, r)
-            if phi <= real(0.0):
-                v = respond(
-                    wp.static(walls[b][1] == "sticky"), wp.static(walls[b][1] == "slip"), wp.static(walls[b][2]), v, n, w
-                )
-        return v
+    return act, act_adjoint
 
-    @wp.func
-    def adjoint(v: vec3, r: vec3, row: wp.array2d[wall_t], s: wp.int32, v_bar: vec3):
-        before = before_t()
-        for b in range(wp.static(K)):
-            before[b] = v
-            w = row[s, b]
-            n, phi = surface(wp.static(walls[b][0] == "Sphere"), w, r)
-            if phi <= real(0.0):
-                v = respond(
-                    wp.static(walls[b][1] == "sticky"), wp.static(walls[b][1] == "slip"), wp.static(walls[b][2]), v, n, w
-                )
-        for b in range(wp.static(K)):
-            w = row[s, wp.static(K - 1 - b)]
-            n, phi = surface(wp.static(walls[K - 1 - b][0] == "Sphere"), w, r)
-            if phi <= real(0.0):
-                v_bar = respond_adjoint(
-                    wp.static(walls[K - 1 - b][1] == "sticky"),
-                    wp.static(walls[K - 1 - b][1] == "slip"),
-                    wp.static(walls[K - 1 - b][2]),
-                    before[wp.static(K - 1 - b)], n, w, v_bar,
-                )
-        return v_bar
 
-    return SimpleNamespace(apply=apply, adjoint=adjoint, wall_t=wall_t, count=K)
+@lru_cache
+def make_contact(walls: Signature, real: type) -> SimpleNamespace:
+    """Warp functions ``apply(v, r, row, s)`` and ``adjoint(v, r, row, s, v_bar)`` for one list of walls, which act in order.
+
+    ``r`` is the node from the lowest node of the grid [m], ``row`` the wall data, ``s`` the row of this step. The adjoint is with
+    respect to the velocity before the walls; walls themselves are data.
+    """
+    vec3, wall_t = wp.types.vector(3, real), wp.types.vector(N_WALL, real)
+    if not walls:
+
+        @wp.func(module="unique")
+        def apply(v: vec3, r: vec3, row: wp.array2d[wall_t], s: wp.int32) -> vec3:
+            return v
+
+        @wp.func(module="unique")
+        def adjoint(v: vec3, r: vec3, row: wp.array2d[wall_t], s: wp.int32, v_bar: vec3) -> vec3:
+            return v_bar
+
+        return SimpleNamespace(apply=apply, adjoint=adjoint, wall_t=wall_t)
+
+    # One function around the other and no loop over wp.static(walls[b]): what a loop resolves is not part of the hash under which Warp
+    # keeps compiled kernels, and two lists of walls of one length would share one kernel.
+    before, last = make_contact(walls[:-1], real), len(walls) - 1
+    before_apply, before_adjoint = before.apply, before.adjoint
+    act, act_adjoint = _make_wall(*walls[-1], real)
+
+    @wp.func(module="unique")
+    def apply(v: vec3, r: vec3, row: wp.array2d[wall_t], s: wp.int32) -> vec3:
+        return act(before_apply(v, r, row, s), r, row[s, last])
+
+    @wp.func(module="unique")
+    def adjoint(v: vec3, r: vec3, row: wp.array2d[wall_t], s: wp.int32, v_bar: vec3) -> vec3:
+        o = before_apply(v, r, row, s)
+        return before_adjoint(v, r, row, s, act_adjoint(o, r, row[s, last], v_bar))
+
+    return SimpleNamespace(apply=apply, adjoint=adjoint, wall_t=wall_t)
