@@ -135,10 +135,11 @@ def _direct(layout: Layout, laws: tuple[Any, ...], w_e_t: Any, w_p_t: Any) -> tu
     def stress(F: mat33, w_e: w_e_t, w_p: w_p_t, theta: theta_t, dt: real):
         if wp.static(K == 1):
             return wp.static(laws[0].direct)(F, theta), F
-        tau = mat33()
-        for c in range(wp.static(K)):
-            tau += w_e[c] * wp.static(laws[c].direct)(F, theta)
-        return tau, F
+        else:
+            tau = mat33()
+            for c in range(wp.static(K)):
+                tau += w_e[c] * wp.static(laws[c].direct)(F, theta)
+            return tau, F
 
     @wp.func(module="unique")
     def stress_adjoint(F: mat33, w_e: w_e_t, w_p: w_p_t, theta: theta_t, dt: real, tau_bar: mat33, Fe_bar: mat33):
@@ -147,14 +148,15 @@ def _direct(layout: Layout, laws: tuple[Any, ...], w_e_t: Any, w_p_t: Any) -> tu
         if wp.static(K == 1):
             F_1, theta_1 = wp.static(laws[0].direct_adjoint)(F, theta, tau_bar)
             return Fe_bar + F_1, w_e_bar, w_p_bar, theta_1
-        F_bar = Fe_bar
-        theta_bar = theta_t()
-        for c in range(wp.static(K)):
-            w_e_bar[c] = wp.ddot(tau_bar, wp.static(laws[c].direct)(F, theta))
-            F_c, theta_c = wp.static(laws[c].direct_adjoint)(F, theta, tau_bar)
-            F_bar += w_e[c] * F_c
-            theta_bar += w_e[c] * theta_c
-        return F_bar, w_e_bar, w_p_bar, theta_bar
+        else:
+            F_bar = Fe_bar
+            theta_bar = theta_t()
+            for c in range(wp.static(K)):
+                w_e_bar[c] = wp.ddot(tau_bar, wp.static(laws[c].direct)(F, theta))
+                F_c, theta_c = wp.static(laws[c].direct_adjoint)(F, theta, tau_bar)
+                F_bar += w_e[c] * F_c
+                theta_bar += w_e[c] * theta_c
+            return F_bar, w_e_bar, w_p_bar, theta_bar
 
     return stress, stress_adjoint
 
@@ -183,8 +185,8 @@ def rate_gate(w_p: Tensor, plastic: tuple[str, ...], dt: float, dt_ref: float) -
         g_c = 1 − (1 − w_c)^(dt/dt_ref) for every law that flows; the identity takes the rest
 
     A gate of weight w that acts once per substep acts dt_ref/dt times as often when dt shrinks; in this form strain is
-    shed by the same factor over dt_ref whatever dt. One-hot weights are unchanged (at w = 1, where the derivative of the
-    formula is infinite, the gate is w itself). For dt ≤ dt_ref the gates never exceed w, so the rest is never negative.
+    shed by the same factor over dt_ref whatever dt. One-hot weights are unchanged (at w = 1, where the derivative of
+    the formula is infinite, the gate is w itself). For dt ≤ dt_ref no gate exceeds w, so the rest is never negative.
 
     Args:
         w_p: weights on the simplex, shape (N, Kp).

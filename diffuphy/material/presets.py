@@ -1,9 +1,9 @@
 """Material words as laws and parameters in SI units.
 
-The values are those that look right for objects of about 0.5 m filmed at 30 frames a second on a grid of 2 cm: moduli are
-between 3 kPa and 2 MPa, because a wave of more than 50 m/s costs substeps and shows nothing. They follow the values that
-earlier simulators used (read in their sources: PhysGaussian, PhysFlow, NCLaw, OmniPhysGS, Genesis, Newton), not those of
-a table of engineering materials: real rubber is ten times, real stone ten thousand times stiffer.
+The values are those that look right for objects of about 0.5 m filmed at 30 frames a second on a grid of 2 cm: moduli
+lie between 3 kPa and 2 MPa, because a wave of more than 50 m/s costs substeps and shows nothing. They follow the values
+that earlier simulators used (PhysGaussian, PhysFlow, NCLaw, OmniPhysGS, Genesis, Newton), not a table of engineering
+materials: real rubber is ten times, real stone ten thousand times stiffer.
 """
 
 import difflib
@@ -63,10 +63,8 @@ class Preset:
         if not self.rho > 0.0:
             raise ValueError(f"{self.word}: rho must be positive [kg/m³], got {self.rho:g}")
         for p in self.params:
-            if not p.lo <= getattr(self, p.name) <= p.hi:
-                raise ValueError(
-                    f"{self.word}: {p.name} must be in [{p.lo:g}, {p.hi:g}] {p.unit}, got {getattr(self, p.name):g}"
-                )
+            if not p.lo <= (got := getattr(self, p.name)) <= p.hi:
+                raise ValueError(f"{self.word}: {p.name} must be in [{p.lo:g}, {p.hi:g}] {p.unit}, got {got:g}")
 
     @property
     def params(self) -> tuple[Param, ...]:
@@ -158,7 +156,7 @@ PRESETS: dict[str, Preset] = {
         _ductile("plasticine", 3e5, 0.30, 1200.0, 6e3),
         _ductile("clay", 3e5, 0.35, 1600.0, 8e3),
         _ductile("playdoh", 1e5, 0.40, 1100.0, 4e3),
-        # Granular. NCLaw 1e6, 0.2, 25°; PhysGaussian 30°; Genesis 45°. Snow coheres to 3κc = 3 kPa: it stands and breaks.
+        # Granular. NCLaw 1e6, 0.2, 25°; PhysGaussian 30°; Genesis 45°. Snow coheres to 3κc = 3 kPa: stands and breaks.
         _grains("sand", 1e6, 0.20, 1600.0, 30.0),
         _grains("gravel", 1.5e6, 0.20, 1700.0, 36.0),
         _grains("salt", 1e6, 0.20, 1200.0, 32.0),
@@ -222,7 +220,7 @@ def melt(preset: Preset) -> Preset:
     """What a material becomes when it melts: a Bingham fluid of the same density.
 
     Yield stress 15 Pa and viscosity 200 Pa s (or what the material already has, if less): a stack of height H = 0.2 m
-    sinks at the rate ρ g H/(3η) ≈ 3 /s at first, slows as it spreads, and stops only as a film of √(2σ_Y R/(√3 ρ g)) ≈ 2 cm.
+    sinks at the rate ρ g H/(3η) ≈ 3 /s at first, slows as it spreads, and stops only as a film about 3 cm thick.
     """
     if preset.plastic == "fluid":
         return preset

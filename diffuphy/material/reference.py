@@ -1,7 +1,7 @@
 """The laws in torch, one matrix at a time or in batches: what the Warp functions are tested against.
 
-All functions take F of shape (..., 3, 3) with det F > 0 and parameters by name, each a float or of shape (...,). They go
-through a singular value decomposition: exact in value everywhere, not meant to be differentiated at equal stretches.
+All functions take F of shape (..., 3, 3) with det F > 0 and parameters by name, each a float or of shape (...,). They
+go through a singular value decomposition: exact in value everywhere, not meant to be differentiated at equal stretches.
 """
 
 from collections.abc import Mapping

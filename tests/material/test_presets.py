@@ -8,9 +8,9 @@ import torch
 from diffuphy.material import ELASTIC, PLASTIC, PRESETS, Preset, candidates, lookup, presets
 
 WORDS = (
-    "rubber jelly gelatin soft foam sponge bread bun patty cheese lettuce dough plasticine clay playdoh sand gravel snow salt "
-    "metal gold steel wood stone plastic cloth plush fur wax chocolate honey syrup butter icecream cream batter pancake "
-    "melted water fluid mud ice glass fruit apple cake"
+    "rubber jelly gelatin soft foam sponge bread bun patty cheese lettuce dough plasticine clay playdoh sand gravel snow "
+    "salt metal gold steel wood stone plastic cloth plush fur wax chocolate honey syrup butter icecream cream batter "
+    "pancake melted water fluid mud ice glass fruit apple cake"
 ).split()
 G = 9.81
 
@@ -27,7 +27,7 @@ def test_every_word_of_the_vocabulary_is_there():
 
 @pytest.mark.parametrize("word", PRESETS)
 def test_preset_lies_in_the_ranges_a_fit_may_search(word: str):
-    """Each parameter its laws read is in [lo, hi], and E, ρ in the range that films well (3 kPa–2 MPa, 200–2500 kg/m³)."""
+    """Each parameter its laws read is in [lo, hi], and E, ρ where films look well: 3 kPa–2 MPa, 200–2500 kg/m³."""
     p = PRESETS[word]
     for param in p.params:
         assert param.lo <= p.theta[param.name] <= param.hi
