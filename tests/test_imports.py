@@ -21,7 +21,7 @@ MAY_IMPORT = {
     "material": {"types"},
     "losses": {"types"},
     "metrics": {"types"},
-    "mpm": {"types", "material"},
+    "mpm": {"types", "workspace", "material"},
     "text2gs": {"types", "workspace", "render", "losses"},
     "probe": {"types", "material", "mpm", "render"},
     "fit_material": {"types", "workspace", "render", "material", "mpm", "losses", "text2gs", "probe"},
@@ -52,15 +52,15 @@ HEAVY = {
     "diffusers": ("losses/guidance/",),
     "gsplat": ("render/",),
     "huggingface_hub": ("losses/guidance/", "metrics/", "text2gs/refine/"),
-    "imageio": ("render/", "report"),
+    "imageio_ffmpeg": ("render/",),
     "lpips": ("metrics/",),
-    "matplotlib": ("report",),
+    "matplotlib": (),
     "open_clip": ("metrics/", "losses/guidance/"),
     "openai": ("text2gs/refine/",),
     "torchmetrics": ("metrics/",),
     "torchvision": ("losses/", "metrics/"),
     "transformers": ("losses/guidance/", "metrics/", "text2gs/refine/"),
-    "viser": ("viewer", "render/", "report"),
+    "viser": ("render/",),
 }
 """Packages that cost seconds or are optional: imported inside functions, and only in these places."""
 
