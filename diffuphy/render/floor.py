@@ -103,7 +103,7 @@ def _ground(eye: Tensor, d: Tensor, centre: Tensor, size: float) -> tuple[Tensor
 class Shadow:
     """Shadow of N particles under a wide overhead lamp: dark and sharp at the contact, pale and soft from a height.
 
-        light(x, y) = Π_l (1 - s · G(σ₀ + h_l tan θ) * (1 - exp(-2 a_l)))
+        light(x, y) = 1 - s (1 - Π_l (1 - G(σ₀ + ½ h_l tan θ) * (1 - exp(-2 a_l))))
 
     a_l is the area of the particles near height h_l over each cell of the floor, G a Gaussian blur: the penumbra of a lamp that
     is seen from the floor under the half angle θ.
@@ -174,7 +174,7 @@ class Shadow:
         total = total.reshape(LAYERS, n, n)
         cover = 1 - torch.exp(-2 * torch.fft.irfft2(torch.fft.rfft2(total) * self.smooth, s=(n, n)).clamp_min(0))
         soft = torch.fft.irfft2(torch.fft.rfft2(cover) * self.penumbra, s=(n, n)).clamp(0, 1)
-        return torch.prod(1 - self.strength * soft, dim=0)
+        return 1 - self.strength * (1 - torch.prod(1 - soft, dim=0))
 
     def cast(self, x: Tensor, ground: Tensor) -> Tensor:
         """Light at points ``ground`` (H, W, 2) [m] of the floor, 1 outside the map, shape (H, W)."""

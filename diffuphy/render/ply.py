@@ -71,7 +71,7 @@ def write(path: Path | str, gaussians: Gaussians, *, up: Up = "y_down") -> None:
             g.means,
             torch.zeros_like(g.means),
             g.sh[:, 0],
-            g.sh[:, 1:].transpose(1, 2).reshape(count, -1),
+            g.sh[:, 1:].transpose(1, 2).flatten(1),
             g.logit_opacities[:, None],
             g.log_scales,
             g.quats,
@@ -109,7 +109,7 @@ def read(path: Path | str, *, up: Up = "y_down") -> Gaussians:
 
     dc = columns("f_dc_0", "f_dc_1", "f_dc_2")[:, None]
     if rest:
-        dc = torch.cat([dc, columns(*rest).reshape(len(vertices), 3, -1).transpose(1, 2)], dim=1)
+        dc = torch.cat([dc, columns(*rest).reshape(len(vertices), 3, len(rest) // 3).transpose(1, 2)], dim=1)
     g = Gaussians(
         means=columns("x", "y", "z"),
         quats=columns("rot_0", "rot_1", "rot_2", "rot_3"),
