@@ -1,0 +1,213 @@
+"""Laws that a rollout must keep, and what it refuses."""
+
+import dataclasses
+import math
+
+import pytest
+import torch
+import warp as wp
+from tests.mpm.bodies import block, field, rotation
+
+from diffuphy.material import make_mixture
+from diffuphy.mpm import FrameReport, HalfSpace, Scene, rollout, simulate
+from diffuphy.mpm.diagnostics import diagnose
+from diffuphy.mpm.rollout import make_matter, stretches
+from diffuphy.types import SimulationDiverged
+
+DX = 0.05
+FREE = Scene(gravity=(0.0, 0.0, 0.0), dx=DX, fps=50.0, frames=4, boundaries=(), lift=None)
+NEO = ("neo_hookean",)
+
+
+def brick(scene: Scene, **material: float):
+    """A brick off the grid lines, turned about two axes, in ``scene``."""
+    x, vol = block((3, 2, 4), DX)
+    x = (x - x.mean(0)) @ rotation((1.0, 2.0, 0.3), 0.7).T + x.new_tensor([0.013, 0.021, 0.337])
+    return scene, x, vol, field(len(x), **material)
+
+
+def test_free_flight_is_symplectic_euler_exactly():
+    """x^n = x0 + n Δt v0 + Δt² g n(n+1)/2 and F = I, whatever the grid: the transfer reproduces affine fields."""
+    g, v0 = (0.0, -9.81, 0.5), (0.3, 1.1, -0.2)
+    reports: list[FrameReport] = []
+    scene, x, vol, f = brick(dataclasses.replace(FREE, gravity=g, velocity=v0))
+    out = rollout(scene, x, vol, f, report=reports)
+    expected, v = x, x.new_tensor(v0)
+    for r in reports:
+        n, dt = r.n_sub, r.dt
+        expected = expected + n * dt * v + dt * dt * n * (n + 1) / 2 * x.new_tensor(g)
+        v = v + n * dt * x.new_tensor(g)
+    # sums of 27 weights, each rounded, over about 40 substeps: 40 · 27 · 1.1e-16 · 1 m
+    torch.testing.assert_close(out.x[-1], expected, rtol=0, atol=1e-12)
+    torch.testing.assert_close(out.v[-1], v.expand_as(x), rtol=0, atol=1e-12)
+    torch.testing.assert_close(out.F[-1], torch.eye(3, dtype=x.dtype).expand(len(x), 3, 3), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("plastic", [("identity",), ("von_mises",)])
+def test_mass_momentum_and_angular_momentum_are_conserved(plastic):
+    """Σ m, Σ m v and Σ m (x × v + D ε:C) change by nothing but rounding while a brick spins, vibrates and flows."""
+    elastic = NEO if plastic == ("identity",) else ("hencky",)
+    scene, x, vol, _ = brick(dataclasses.replace(FREE, velocity=(0.11, -0.07, 0.05), spin=(2.0, -1.0, 3.0)))
+    f = field(len(x), elastic, plastic, yield_stress=50.0)
+    kick = 0.3 * torch.sin(9.0 * x)  # so that there is stress
+    mixture = make_mixture(elastic, plastic, wp.float64)
+    matter = make_matter(f, vol, mixture.params, torch.float64)
+    first, *_, last = (diagnose(mixture, s, matter, DX) for s in simulate(scene, x, vol, f, velocity=kick))
+    assert last.mass == first.mass
+    scale = float(first.angular_momentum.norm())
+    # 4 frames of about 25 substeps; rounding of sums over 192 particles, relative to the largest term
+    torch.testing.assert_close(last.momentum, first.momentum, rtol=0, atol=1e-11 * float(first.momentum.norm()))
+    torch.testing.assert_close(last.angular_momentum, first.angular_momentum, rtol=0, atol=1e-11 * scale)
+    if plastic == ("identity",):
+        assert first.elastic < 1e-20 < last.elastic  # it did deform: nothing above is trivial
+        energy = [d.kinetic + d.elastic for d in (first, last)]
+        assert 0.5 * energy[0] < energy[1] <= energy[0] * (1 + 1e-3)  # the transfer damps and must not drive
+
+
+def test_rest_stays_at_rest_to_the_last_bit():
+    """v = 0, F = I, g = 0: nothing moves, in either precision."""
+    for dtype in (torch.float32, torch.float64):
+        x, vol = block((2, 2, 2), DX, (0.113, 0.027, 0.3), dtype=dtype)
+        out = rollout(FREE, x, vol, field(len(x), dtype=dtype))
+        assert torch.equal(out.x[-1], x) and not bool(out.v[-1].any())
+
+
+def test_a_quarter_turn_of_everything_turns_the_answer():
+    """Rotating particles, gravity and walls by 90° about a grid axis, or permuting axes, rotates the trajectory."""
+    scene = dataclasses.replace(FREE, gravity=(1.0, 0.0, -9.81), frames=6, boundaries=(HalfSpace(friction=0.4, point=(0.0, 0.0, 0.2)),))
+    _, x, vol, f = brick(scene)
+    here = rollout(scene, x, vol, f)
+    R = x.new_tensor([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # z → x
+    turn = lambda a: tuple((R @ x.new_tensor(a)).tolist())  # noqa: E731
+    wall = HalfSpace(friction=0.4, point=turn((0.0, 0.0, 0.2)), normal=turn((0.0, 0.0, 1.0)))
+    there = rollout(dataclasses.replace(scene, gravity=turn(scene.gravity), boundaries=(wall,)), x @ R.T, vol, f)
+    # another order of the same sums; contact does not amplify it in so short a time
+    torch.testing.assert_close(there.x, here.x @ R.T, rtol=0, atol=1e-11)
+    torch.testing.assert_close(there.F, R @ here.F @ R.T, rtol=0, atol=1e-9)
+
+
+def bar_period_error(n: int) -> float:
+    """Relative error of the first period of a free bar of n cells with v = v̂ cos(π X/L); T = 2 L/c with c² = E/ρ at ν = 0."""
+    L, E, rho = 1.0, 1e5, 1000.0
+    c, dx = math.sqrt(E / rho), L / n
+    x, vol = block((n, 2, 2), dx)
+    v = torch.zeros_like(x)
+    v[:, 0] = 1e-3 * c * torch.cos(math.pi * x[:, 0] / L)
+    frames = 60
+    scene = Scene(gravity=(0.0, 0.0, 0.0), dx=dx, fps=frames / (0.8 * 2 * L / c), boundaries=(), lift=None, frames=frames)
+    mode = torch.cos(math.pi * x[:, 0] / L)
+    q = [float((s.v[:, 0] * mode).sum()) for s in simulate(scene, x, vol, field(len(x), E=E, nu=0.0, rho=rho), velocity=v)]
+    roots = [i + a / (a - b) for i, (a, b) in enumerate(zip(q, q[1:], strict=False)) if a > 0 >= b or a < 0 <= b]
+    period = 2 * (roots[1] - roots[0]) / scene.fps
+    return abs(period / (2 * L / c) - 1)
+
+
+def test_the_period_of_a_bar_converges_with_order_two():
+    """Error of T about 1.0 (Δx/L)² for the MLS transfer: its kinetic energy carries m D |C|²/2, D = Δx²/4, so T grows by (π²/8)(Δx/L)²."""
+    coarse, fine = bar_period_error(8), bar_period_error(16)
+    assert 0.7 < coarse * 8**2 < 2.0 and 0.7 < fine * 16**2 < 2.0
+    assert 1.7 < math.log2(coarse / fine) < 2.3
+
+
+def test_a_rollout_can_be_cut_anywhere():
+    """2 + 3 frames are the 5 frames, to the last bit."""
+    scene = dataclasses.replace(FREE, gravity=(0.0, 0.0, -9.81), boundaries=(HalfSpace(point=(0.0, 0.0, 0.2), friction=0.3),))
+    _, x, vol, f = brick(scene)
+    whole = list(simulate(scene, x, vol, f, frames=5))
+    *_, middle = simulate(scene, x, vol, f, frames=2)
+    *_, end = simulate(scene, x, vol, f, frames=3, state=middle)
+    assert all(torch.equal(a, b) for a, b in ((end.x, whole[-1].x), (end.v, whole[-1].v), (end.He, whole[-1].He), (end.C, whole[-1].C)))
+    assert end.time == whole[-1].time
+
+
+def test_substeps_follow_stiffness():
+    """n_sub = ⌈T (c + V)/(cfl Δx)⌉ at rest: 100 times the modulus takes 10 times the substeps."""
+    counts = []
+    for E in (1e4, 1e6):
+        reports: list[FrameReport] = []
+        scene, x, vol, f = brick(FREE, E=E)
+        rollout(scene, x, vol, f, frames=1, report=reports)
+        (r,) = reports
+        c = math.sqrt(E * 0.7 / (1.3 * 0.4) / 1000.0)  # √((λ + 2μ)/ρ), ν = 0.3
+        assert r.n_sub == math.ceil(c / (0.4 * DX * 50.0)) and r.wave == pytest.approx(c, rel=1e-12)
+        counts.append(r.n_sub)
+    assert counts[1] == pytest.approx(10 * counts[0], abs=10)
+
+
+def test_an_unstable_time_step_is_refused_with_the_one_that_would_do():
+    scene, x, vol, f = brick(FREE)
+    with pytest.raises(ValueError, match=r"dt = 0.01 s is unstable.*use at most") as refused:
+        rollout(scene, x, vol, f, frames=1, dt=0.01)
+    limit = float(str(refused.value).split("use at most ")[1].split(" s")[0])
+    rollout(scene, x, vol, f, frames=1, dt=0.99 * limit)
+
+
+def test_divergence_names_the_particle_and_the_remedy():
+    """A soft body thrown at its own centre is squeezed until det F has no digits left."""
+    scene, x, vol, f = brick(FREE, E=10.0)
+    with pytest.raises(SimulationDiverged, match=r"particle \d+ .* frame \d+ .* x = .* CFL = .*; lower cfl"):
+        rollout(scene, x, vol, f, velocity=-400.0 * (x - x.mean(0)))
+
+
+def test_a_state_inside_out_is_refused():
+    scene, x, vol, f = brick(FREE)
+    *_, state = simulate(scene, x, vol, f, frames=0)
+    state.He[37] = torch.diag(x.new_tensor([0.0, 0.0, -1.5]))
+    with pytest.raises(ValueError, match="det F of particle 37"):
+        rollout(scene, x, vol, f, state=state)
+
+
+def test_particles_may_leave_the_block_of_nodes():
+    """A bar pulled apart by stored stretch moves faster than its speed at the start of the frame lets one guess: the frame is run again."""
+    scene, x, vol, f = brick(dataclasses.replace(FREE, fps=8.0), E=1e6)
+    *_, state = simulate(scene, x, vol, f, frames=0)
+    squeezed = dataclasses.replace(state, He=state.He - 0.45 * torch.eye(3, dtype=x.dtype))
+    reports: list[FrameReport] = []
+    *_, end = simulate(scene, x, vol, f, frames=1, state=squeezed, report=reports)
+    assert reports[0].reruns > 0
+    moved = float((end.x - state.x).norm(dim=1).max())
+    assert moved > 3 * DX and bool(torch.isfinite(end.x).all())
+
+
+@pytest.mark.parametrize("change", ["x", "vol", "rho", "E", "rows", "dtype"])
+def test_bad_input_is_named(change):
+    scene, x, vol, f = brick(FREE)
+    if change == "x":
+        x[37, 1] = math.nan
+    elif change == "vol":
+        vol[37] = 0.0
+    elif change == "rho":
+        f.rho[37] = -1.0
+    elif change == "E":
+        f.theta["E"][37] = math.inf
+    elif change == "rows":
+        f = dataclasses.replace(f, rho=f.rho[:-1])
+    else:
+        x = x.half()
+    with pytest.raises(ValueError, match="rho must have shape" if change == "rows" else "float32 or float64" if change == "dtype" else f"{change}.*37"):
+        rollout(scene, x, vol, f)
+
+
+def test_stretches_are_the_singular_values():
+    """Square roots of the eigenvalues of FᵀF in closed form, repeated ones and F = I included."""
+    H = 0.3 * torch.randn(200, 3, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    H[0], H[1] = 0.0, torch.diag(torch.tensor([0.1, 0.1, -0.2], dtype=torch.float64))
+    s = torch.linalg.svdvals(H + torch.eye(3, dtype=torch.float64))
+    low, high = stretches(H)
+    # arccos near ±1 halves the digits where two stretches meet
+    torch.testing.assert_close(high, s[:, 0], rtol=0, atol=1e-7)
+    torch.testing.assert_close(low, s[:, 2], rtol=0, atol=1e-7)
+
+
+def test_float32_keeps_the_increments_that_its_positions_round_away():
+    """A slow stiff bar in float32 follows float64: displacements and H are summed, not x and F."""
+    x, vol = block((8, 2, 2), DX)
+    v = torch.zeros_like(x)
+    v[:, 0] = 1e-4 * torch.cos(math.pi * x[:, 0] / (8 * DX))  # v/c = 1e-5, increments of x below 1e-9 m at x near 0.4 m
+    scene = dataclasses.replace(FREE, fps=200.0, frames=3)
+    moved = []
+    for dtype in (torch.float64, torch.float32):
+        *_, end = simulate(scene, x.to(dtype), vol.to(dtype), field(len(x), dtype=dtype), velocity=v.to(dtype), dt=2e-5)
+        moved.append(end.He[:, 0, 0].double())
+    # 750 additions into H, each rounded relative to H: far below the 3 % that F = I + H in float32 would lose per addition
+    torch.testing.assert_close(moved[1], moved[0], rtol=0, atol=2e-2 * float(moved[0].abs().max()))
