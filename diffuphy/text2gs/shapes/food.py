@@ -2,7 +2,7 @@
 
 import math
 
-from diffuphy.text2gs.shapes import kernels as k
+from diffuphy.text2gs.shapes import shading as k
 from diffuphy.text2gs.shapes.primitives import RGB, Paint, Part, Recipe, Sketch
 
 GOLDEN = 2.399963
@@ -197,23 +197,23 @@ def mushroom(s: Sketch) -> None:
 
 RED: RGB = (0.85, 0.12, 0.12)
 RECIPES = (
-    Recipe("burger", ("hamburger", "cheeseburger", "cheese burger", "sandwich"), "{} burger", (
-        Part("bun", "bun", (0.86, 0.52, 0.20), ("bread", "roll")),
+    Recipe("burger", ("hamburger", "cheeseburger", "cheese burger"), "{} burger", (
+        Part("bun", "bun", (0.86, 0.52, 0.20), ("bread",)),
         Part("patty", "patty", (0.40, 0.20, 0.10), ("meat", "beef", "steak")),
         Part("cheese", "cheese", (1.00, 0.74, 0.12), ("cheddar",)),
         Part("lettuce", "lettuce", (0.36, 0.70, 0.18), ("salad", "leaf")),
         Part("tomato", "apple", (0.88, 0.18, 0.12), ("ketchup",)),
         Part("sesame", "bun", (0.99, 0.92, 0.72), ("seed", "sesame seed"), feature=True),
     ), burger),
-    Recipe("pancakes", ("pancake", "pancake stack", "stack of pancakes", "stack of pancake", "crepe"), "stack of {} pancakes", (
+    Recipe("pancakes", ("pancake", "pancake stack", "stack of pancake", "pile of pancake"), "stack of {} pancakes", (
         Part("pancake", "pancake", (0.80, 0.50, 0.20)),
         Part("syrup", "syrup", (0.58, 0.26, 0.04), ("maple syrup", "sauce", "honey")),
         Part("butter", "butter", (1.00, 0.90, 0.45), ("pat", "pat of butter")),
     ), pancakes),
-    Recipe("jelly", ("jello", "gelatin", "jelly pudding", "pudding", "jelly mould", "jelly mold", "aspic"), "{} jelly pudding", (
+    Recipe("jelly", ("jello", "gelatin", "jelly pudding", "pudding", "jelly mould", "jelly mold"), "{} jelly pudding", (
         Part("jelly", "jelly", (0.93, 0.16, 0.22)),
     ), jelly),
-    Recipe("cake", ("birthday cake", "layer cake", "gateau", "tart"), "{} birthday cake", (
+    Recipe("cake", ("birthday cake", "layer cake", "sponge cake", "gateau"), "{} birthday cake", (
         Part("sponge", "cake", (0.90, 0.68, 0.36), ("layer", "base")),
         Part("filling", "cream", (0.92, 0.30, 0.38), ("jam",)),
         Part("icing", "cream", (1.00, 0.80, 0.84), ("frosting", "glaze", "topping")),
@@ -234,12 +234,12 @@ RECIPES = (
         Part("stem", "wood", (0.42, 0.27, 0.14), ("stalk",), feature=True),
         Part("leaf", "lettuce", (0.36, 0.66, 0.20), feature=True),
     ), apple),
-    Recipe("donut", ("doughnut", "bagel"), "{} donut", (
+    Recipe("donut", ("doughnut",), "{} donut", (
         Part("dough", "cake", (0.80, 0.50, 0.22), ("ring", "base")),
         Part("icing", "chocolate", (0.97, 0.56, 0.70), ("frosting", "glaze", "topping")),
         Part("sprinkles", "chocolate", (0.98, 0.90, 0.35), ("sprinkle",), feature=True),
     ), donut),
-    Recipe("pumpkin", ("squash", "gourd"), "{} pumpkin", (
+    Recipe("pumpkin", ("gourd",), "{} pumpkin", (
         Part("flesh", "apple", (0.95, 0.53, 0.10), ("skin",)),
         Part("stem", "wood", (0.42, 0.46, 0.20), ("stalk",), feature=True),
     ), pumpkin),

@@ -5,7 +5,8 @@ import random
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from diffuphy.text2gs.shapes import kernels as k
+from diffuphy.text2gs.shapes import distance as k
+from diffuphy.text2gs.shapes.shading import PLAIN
 
 RGB = tuple[float, float, float]
 Vec = Sequence[float]
@@ -35,7 +36,7 @@ class Paint:
     colour: RGB
     second: RGB = WHITE
     third: RGB = WHITE
-    pattern: int = k.PLAIN
+    pattern: int = PLAIN
     """PLAIN: colour. SEGMENTS: `scale` gores about z (colour, third, second, third). NOISE: colour and second mixed by noise.
     WAFFLE: crossing lines. FACES: a colour by axis, third beyond `scale` of the way to an edge. STRIPES: `scale` a unit along z.
     HEIGHT: second below, colour above, over ±`scale`. RIM: colour inside, second near the radius. DOTS: second dots, `scale` a unit."""
@@ -51,7 +52,7 @@ class Paint:
 
 @dataclass(frozen=True)
 class Primitive:
-    """One row of the table; see `kernels.KIND`."""
+    """One row of the table; see `distance.KIND`."""
 
     kind: int
     part: str

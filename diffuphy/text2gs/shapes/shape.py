@@ -7,7 +7,8 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from diffuphy.text2gs.shapes import kernels as k
+from diffuphy.text2gs.shapes import tracer
+from diffuphy.text2gs.shapes.distance import CUT, UNION
 from diffuphy.text2gs.shapes.primitives import Part, Primitive, Recipe, Sketch
 from diffuphy.text2gs.shapes.tints import parse_surface, tinted
 from diffuphy.types import Camera
@@ -72,7 +73,7 @@ class Shape:
         normals, colours = torch.empty_like(points), torch.empty_like(points)
         device = wp.device_from_torch(points.device)
         args = [_wrap(t, wp.vec3) for t in (points, normals, colours)]
-        wp.launch(k.look, dim=len(points), inputs=[*self._scene(points.device), self._all(points.device), *args], device=device)
+        wp.launch(tracer.look, dim=len(points), inputs=[*self._scene(points.device), self._all(points.device), *args], device=device)
         return normals, colours
 
     def surface(self, n: int, generator: torch.Generator | None = None) -> tuple[Tensor, Tensor]:
@@ -101,7 +102,7 @@ class Shape:
         """Premultiplied colours (C, H, W, 3) and coverage (C, H, W), from aa × aa rays a pixel."""
         device = camera.viewmats.device
         out = torch.empty(len(camera), camera.height, camera.width, 4, device=device)
-        columns, rows = -(-camera.width // k.TILE), -(-camera.height // k.TILE)
+        columns, rows = -(-camera.width // tracer.TILE), -(-camera.height // tracer.TILE)
         scene = self._scene(device)
         views = camera.viewmats.to(torch.float32).contiguous()
         Ks = camera.Ks.to(torch.float32).contiguous()
@@ -111,8 +112,8 @@ class Shape:
             spans = torch.empty(len(v), rows * columns, 4, device=device)
             lists = [_wrap(ids, wp.int32), _wrap(spans, wp.vec4)]
             shared = [*scene, v, K, columns, *lists]
-            wp.launch(k.cull, dim=(len(v), rows * columns), inputs=shared, device=v.device)
-            wp.launch(k.trace, dim=image.shape, inputs=[*shared, aa, image], device=v.device)
+            wp.launch(tracer.cull, dim=(len(v), rows * columns), inputs=shared, device=v.device)
+            wp.launch(tracer.trace, dim=image.shape, inputs=[*shared, aa, image], device=v.device)
         return out[..., :3], out[..., 3]
 
     # ------------------------------------------------------------------ the table
@@ -121,7 +122,7 @@ class Shape:
         if str(device) not in self._tables:
             rows = [
                 [
-                    [p.kind, p.group, k.CUT if p.cut else k.UNION, p.blend],
+                    [p.kind, p.group, CUT if p.cut else UNION, p.blend],
                     [*p.at, p.bound],
                     p.slab,
                     p.turn,
@@ -147,7 +148,7 @@ class Shape:
         owner = torch.empty(len(points), dtype=torch.int32, device=points.device)
         device = wp.device_from_torch(points.device)
         args = [*self._scene(points.device), self._all(points.device), _wrap(points, wp.vec3), _wrap(d, wp.float32), _wrap(owner, wp.int32)]
-        wp.launch(k.query, dim=len(points), inputs=args, device=device)
+        wp.launch(tracer.query, dim=len(points), inputs=args, device=device)
         return d, owner
 
     def _settled(self, p: Tensor, steps: int) -> Tensor:

@@ -2,7 +2,7 @@
 
 import math
 
-from diffuphy.text2gs.shapes import kernels as k
+from diffuphy.text2gs.shapes import shading as k
 from diffuphy.text2gs.shapes.primitives import RGB, Paint, Part, Recipe, Sketch
 from diffuphy.text2gs.shapes.toys import DARK
 
@@ -148,7 +148,7 @@ RECIPES = (
         Part("band", "stone", (0.22, 0.50, 0.78), ("stripe",), feature=True),
         Part("drink", "water", (0.33, 0.19, 0.10), ("coffee", "tea", "liquid", "cocoa"), feature=True),
     ), mug, of="drink"),
-    Recipe("gravel pile", ("pile", "heap", "rubble", "pebble", "gravel heap"), "pile of {} stones", (
+    Recipe("gravel pile", ("pile", "heap", "gravel heap", "pile of gravel", "heap of gravel"), "pile of {} stones", (
         Part("stone", "gravel", (0.60, 0.58, 0.55), ("rock", "pebble", "boulder")),
     ), pile, of="stone"),
     Recipe("mound", ("dune", "hill", "hillock", "sand dune"), "mound of {}", (
@@ -161,13 +161,13 @@ RECIPES = (
         Part("windows", "sand", (0.35, 0.24, 0.14), ("window", "gate", "door"), feature=True),
         Part("flag", "plastic", (0.86, 0.16, 0.16), feature=True),
     ), castle),
-    Recipe("sofa", ("couch", "armchair", "chair", "settee"), "{} sofa", (
+    Recipe("sofa", ("couch", "settee"), "{} sofa", (
         Part("frame", "foam", (0.20, 0.46, 0.52), ("arm", "back", "base")),
         Part("cushions", "foam", (0.26, 0.56, 0.60), ("cushion", "seat")),
         Part("pillow", "foam", (0.97, 0.72, 0.24)),
         Part("legs", "wood", (0.45, 0.28, 0.15), ("leg", "foot", "feet"), feature=True),
     ), sofa),
-    Recipe("cactus", ("cacti",), "{} cactus", (
+    Recipe("cactus", (), "{} cactus", (
         Part("cactus", "apple", (0.32, 0.62, 0.28), ("plant", "stem")),
         Part("flower", "lettuce", (0.96, 0.42, 0.62), ("blossom", "bloom"), feature=True),
         Part("pot", "stone", CLAY, ("flowerpot", "vase")),

@@ -2,7 +2,7 @@
 
 import math
 
-from diffuphy.text2gs.shapes import kernels as k
+from diffuphy.text2gs.shapes import shading as k
 from diffuphy.text2gs.shapes.primitives import RGB, Paint, Part, Recipe, Sketch
 
 DARK: RGB = (0.07, 0.06, 0.07)
@@ -126,10 +126,10 @@ def star(s: Sketch) -> None:
 
 
 RECIPES = (
-    Recipe("ball", ("beach ball", "beachball", "sphere", "football", "soccer ball", "basketball", "marble", "orb", "globe"), "{} ball", (
+    Recipe("ball", ("beach ball", "beachball", "sphere", "orb"), "{} ball", (
         Part("ball", "rubber", (0.90, 0.18, 0.15)),
     ), ball),
-    Recipe("cube", ("box", "block", "brick", "dice", "die", "toy block"), "{} cube", (
+    Recipe("cube", ("box", "block", "brick", "dice", "toy block"), "{} cube", (
         Part("cube", "rubber", (0.90, 0.24, 0.20)),
     ), cube),
     Recipe("duck", ("duckling", "bath duck", "duckie", "ducky"), "{} toy duck", (
@@ -158,11 +158,11 @@ RECIPES = (
         Part("nose", "plush", (0.95, 0.45, 0.52), feature=True),
         Part("eyes", "plush", DARK, ("eye",), feature=True),
     ), bunny),
-    Recipe("tower", ("tower of blocks", "block tower", "stack of blocks", "stack of cubes", "tower of cubes", "building blocks"),
+    Recipe("tower", ("stack", "tower of block", "block tower", "stack of block", "stack of cube", "tower of cube", "building block"),
            "tower of {} blocks", (
         Part("block", "wood", (0.90, 0.62, 0.20), ("brick", "cube", "roof")),
     ), tower, of="block"),
-    Recipe("rocket", ("spaceship", "space ship", "missile"), "{} toy rocket", (
+    Recipe("rocket", ("spaceship", "space ship"), "{} toy rocket", (
         Part("hull", "metal", (0.95, 0.95, 0.96), ("body",)),
         Part("nose", "metal", (0.88, 0.16, 0.16), ("tip", "cone")),
         Part("fins", "metal", (0.88, 0.16, 0.16), ("fin", "wing")),
@@ -170,7 +170,7 @@ RECIPES = (
         Part("nozzle", "metal", (0.32, 0.33, 0.36), ("engine",), feature=True),
         Part("flame", "jelly", (1.00, 0.62, 0.12), ("fire",), feature=True),
     ), rocket),
-    Recipe("star", ("starfish", "sea star"), "{} star", (
+    Recipe("star", (), "{} star", (
         Part("star", "jelly", (1.00, 0.80, 0.16)),
         Part("eyes", "jelly", DARK, ("eye", "mouth", "smile", "face"), feature=True),
         Part("cheeks", "jelly", (0.98, 0.52, 0.45), ("cheek",), feature=True),
