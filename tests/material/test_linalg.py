@@ -97,3 +97,24 @@ def test_inverted_states_are_not_hidden(precision: str):
     bad[4:8, :, 2] = 0.0
     _, _, s, e = decompose(bad, real)
     assert np.isnan(s).all() and np.isnan(e).all()
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("kind", ("rest", "equal", "nearly equal", "moderate"))
+def test_polar_factor_is_the_rotation_of_the_decomposition(kind: str, precision: str):
+    """R = U Vᵀ and RᵀR = I, to 16 ulp times the condition of the polar factor, 1/(s_2 + s_3) ≤ 2 here."""
+    real, dtype = PRECISIONS[precision]
+    F = stretched(stretches(kind, np.random.default_rng(5)), np.random.default_rng(6)).astype(dtype)
+    mat33, f = wp.types.matrix((3, 3), real), linalg.build(real)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def run(F: wp.array(dtype=mat33), R: wp.array(dtype=mat33)):
+        p = wp.tid()
+        R[p] = f.polar(F[p])
+
+    out = wp.zeros(N, dtype=mat33, device="cpu")
+    wp.launch(run, dim=N, inputs=[wp.array(F, dtype=mat33, device="cpu")], outputs=[out], device="cpu")
+    R = out.numpy().astype(np.float64)
+    U, _, Vh = np.linalg.svd(F.astype(np.float64))
+    assert np.abs(R - U @ Vh).max() < 32 * np.finfo(dtype).eps
+    assert np.abs(R.swapaxes(1, 2) @ R - np.eye(3)).max() < 32 * np.finfo(dtype).eps

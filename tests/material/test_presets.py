@@ -8,9 +8,9 @@ import torch
 from diffuphy.material import ELASTIC, PLASTIC, PRESETS, Preset, candidates, lookup, presets
 
 WORDS = (
-    "rubber jelly gelatin soft foam sponge bread bun patty cheese lettuce dough plasticine clay playdoh sand gravel snow "
-    "salt metal gold steel wood stone plastic cloth plush fur wax chocolate honey syrup butter icecream cream batter "
-    "pancake melted water fluid mud ice glass fruit apple cake"
+    "rubber jelly gelatin soft foam sponge bread bun patty cheese lettuce dough plasticine clay playdoh sand gravel "
+    "snow salt metal gold steel wood stone plastic cloth plush fur wax chocolate honey syrup butter icecream cream "
+    "batter pancake melted water fluid mud ice glass fruit apple cake"
 ).split()
 G = 9.81
 

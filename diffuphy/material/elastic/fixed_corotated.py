@@ -10,14 +10,15 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from .. import moduli
+from .. import linalg, moduli
 from ..expert import Elastic, ElasticFunctions, Layout
 
 
 def build(layout: Layout) -> ElasticFunctions:
     """Warp functions for one layout."""
-    real, vec3, theta_t = layout.real, layout.vec3, layout.theta_t
-    m = moduli.build(layout)
+    real, vec3, mat33, theta_t = layout.real, layout.vec3, layout.mat33, layout.theta_t
+    m, la = moduli.build(layout), linalg.build(layout.real)
+    nan = real(float("nan"))
 
     @wp.func(module="unique")
     def energy(s: vec3, e: vec3, theta: theta_t) -> real:
@@ -50,7 +51,36 @@ def build(layout: Layout) -> ElasticFunctions:
         one = real(1.0)
         return real(2.0) * mu * vec3(s[1] + s[2] - one, s[2] + s[0] - one, s[0] + s[1] - one)
 
-    return ElasticFunctions(energy, stress, stress_adjoint, slope)
+    @wp.func(module="unique")
+    def direct(F: mat33, theta: theta_t) -> mat33:
+        mu, lam = m.lame(theta)
+        J = wp.determinant(F)
+        p = lam * J * (J - real(1.0))
+        if not J > real(0.0):  # no such state; the polar factor would mirror it
+            p = nan
+        return real(2.0) * mu * (F - la.polar(F)) * wp.transpose(F) + wp.diag(vec3(p, p, p))
+
+    @wp.func(module="unique")
+    def direct_adjoint(F: mat33, theta: theta_t, tau_bar: mat33):
+        # dτ = 2μ (dF Fᵀ + F dFᵀ − dV) + λ (2J − 1) dJ I with V = F Rᵀ;  dR = [ω]ₓ R, (tr V I − V) ω = ax(dF Rᵀ)
+        mu, lam = m.lame(theta)
+        R = la.polar(F)
+        C = la.cofactor(F)
+        J = F[0, 0] * C[0, 0] + F[0, 1] * C[0, 1] + F[0, 2] * C[0, 2]
+        Y = real(0.5) * (tau_bar + wp.transpose(tau_bar))
+        V = F * wp.transpose(R)
+        v = wp.trace(V)
+        t = wp.trace(Y)
+        A = Y * V
+        ax = vec3(A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1])
+        q = wp.inverse(wp.diag(vec3(v, v, v)) - V) * ax
+        F_bar = (
+            real(2.0) * mu * (real(2.0) * Y * F - (Y + wp.skew(q)) * R) + (lam * t * (real(2.0) * J - real(1.0))) * C
+        )
+        mu_bar = real(2.0) * (wp.ddot(Y * F, F) - wp.ddot(Y, V))
+        return F_bar, m.adjoint(theta, mu_bar, t * J * (J - real(1.0)))
+
+    return ElasticFunctions(energy, stress, stress_adjoint, slope, direct, direct_adjoint)
 
 
 def energy(e: Tensor, params: dict[str, Tensor]) -> Tensor:
@@ -73,4 +103,5 @@ LAW = Elastic(
     wave_speed=moduli.p_wave_speed,
     energy=energy,
     stress=stress,
+    is_direct=True,
 )
