@@ -25,7 +25,8 @@ def look_at(
     right = torch.linalg.cross(forward, up.expand_as(forward))
     if not (torch.linalg.vector_norm(right, dim=-1) > 1e-6 * torch.linalg.vector_norm(forward, dim=-1)).all():
         raise ValueError(
-            f"the direction of view must be neither zero nor parallel to up = {up.tolist()}, got eye {eye.tolist()}, at {at.tolist()}"
+            "the direction of view must be neither zero nor parallel to up: "
+            f"got eye {eye.tolist()}, at {at.tolist()}, up {up.tolist()}"
         )
     forward = forward / torch.linalg.vector_norm(forward, dim=-1, keepdim=True)
     right = right / torch.linalg.vector_norm(right, dim=-1, keepdim=True)
@@ -39,7 +40,8 @@ def look_at(
 
 
 def intrinsics(fov: float, width: int, height: int) -> Tensor:
-    """Pinhole matrix (3, 3) [px] with the angle ``fov`` [deg] across the shorter side and the axis through the centre."""
+    """Pinhole matrix (3, 3) [px] with the angle ``fov`` [deg] across the shorter side and the axis through the
+    centre."""
     if not 0 < fov < 180:
         raise ValueError(f"fov must be in (0, 180) degrees, got {fov}")
     f = 0.5 * min(width, height) / math.tan(math.radians(fov) / 2)
@@ -86,8 +88,8 @@ def fit(
 ) -> Camera:
     """One camera in the given direction that sees all of ``points`` (M, 3) [m], as near as it can be.
 
-    In camera axes a point (X, Y, Z) is inside when |X - c_x| ≤ t_x (Z + D) and likewise for Y: for each sign a lower bound of D
-    that is linear in the point, so that the nearest camera follows from four maxima.
+    In camera axes a point (X, Y, Z) is inside when |X - c_x| ≤ t_x (Z + D) and likewise for Y: for each sign a lower
+    bound of D that is linear in the point, so that the nearest camera follows from four maxima.
 
     Args:
         azimuth, elevation: where the camera stands, seen from the points [deg].

@@ -19,7 +19,8 @@ from diffuphy.types import Camera, Clip, Gaussians, Particles, Trajectory
 from diffuphy.workspace import Workspace
 
 STRAYS = 0.005
-"""Share of the particles at each edge of the object that framing ignores, so that a crumb flung far away does not shrink the film."""
+"""Share of the particles at each edge of the object that framing ignores, so that a crumb flung far away does not
+shrink the film."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +54,8 @@ class Film:
     neighbours: int = 1
     """Particles each Gaussian follows; 1 lets cracks open cleanly."""
     stretch: float = 3.0
-    """A Gaussian is drawn at most this many times longer than at rest [-]: flowing matter shears without bound, the patch of it that
-    one Gaussian stands for does not."""
+    """A Gaussian is drawn at most this many times longer than at rest [-]: flowing matter shears without bound, the
+    patch of it that one Gaussian stands for does not."""
     backend: Rasteriser = field(default_factory=Warp)
     """The rasteriser."""
 
@@ -135,7 +136,8 @@ class Film:
 
 
 def path(trajectory: Trajectory, *, floor: bool) -> Tensor:
-    """Points (M, 3) [m] that the film must show: a box around the object at each frame and, if asked, the floor below it."""
+    """Points (M, 3) [m] that the film must show: a box around the object at each frame and, if asked, the floor
+    below it."""
     x = trajectory.x
     edges = torch.quantile(x.float(), x.new_tensor([STRAYS, 1 - STRAYS]).float(), dim=1).to(x)  # (2, T, 3)
     corners = torch.cartesian_prod(*[torch.arange(2, device=x.device)] * 3)  # (8, 3)
@@ -206,7 +208,8 @@ def write_png(path: Path | str, rgb: Tensor) -> None:
 
 
 def contact_sheet(rgb: Tensor, columns: int = 4, frames: int = 8, *, fps: float | None = None) -> Tensor:
-    """Evenly spaced frames of (T, H, W, 3), first and last included, as one picture; with ``fps`` each bears its time [s]."""
+    """Evenly spaced frames of (T, H, W, 3), first and last included, as one picture; with ``fps`` each bears its
+    time [s]."""
     from PIL import Image, ImageDraw
 
     count = min(frames, len(rgb))

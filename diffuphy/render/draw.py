@@ -35,7 +35,8 @@ def rasterize(
         backend: the rasteriser.
 
     Raises:
-        ValueError: wrong shape, dtype or device, opacity out of range, or a value that is not finite (field and index are named).
+        ValueError: wrong shape, dtype or device, opacity out of range, or a value that is not finite (field and
+            index are named).
     """
     fields = {"means": means, "quats": quats, "scales": scales, "opacities": opacities, "colors": colors}
     count = len(means)

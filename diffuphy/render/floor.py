@@ -25,7 +25,8 @@ LAYERS = 6
 
 
 def rays(camera: Camera, samples: int = 1) -> tuple[Tensor, Tensor]:
-    """Eye (3,) [m] and directions (H s, W s, 3), not normalised, of the first view's rays, ``samples`` a side of a pixel."""
+    """Eye (3,) [m] and directions (H s, W s, 3), not normalised, of the first view's rays, ``samples`` a side of a
+    pixel."""
     view, K = camera.viewmats[0], camera.Ks[0].to(camera.viewmats)
     R, t = view[:3, :3], view[:3, 3]
     y, x = torch.meshgrid(
@@ -58,7 +59,8 @@ class Backdrop:
     ground: Tensor
     """Where the ray of each pixel meets the floor, shape (H, W, 2) [m]."""
     solid: Tensor
-    """How much of the floor's own look is seen there: 1 near the object, 0 in the distance and above the horizon, shape (H, W)."""
+    """How much of the floor's own look is seen there: 1 near the object, 0 in the distance and above the horizon,
+    shape (H, W)."""
 
 
 def backdrop(camera: Camera, centre: Tensor, size: float, *, floor: bool = True) -> Backdrop:
@@ -103,10 +105,11 @@ def _ground(eye: Tensor, d: Tensor, centre: Tensor, size: float) -> tuple[Tensor
 class Shadow:
     """Shadow of N particles under a wide overhead lamp: dark and sharp at the contact, pale and soft from a height.
 
-        light(x, y) = 1 - s (1 - Π_l (1 - G(σ₀ + ½ h_l tan θ) * (1 - exp(-2 a_l))))
+        light(x, y) = (1 - s (1 - Π_l (1 - c_l))) (1 - ½ s c_0),   c_l = G(σ₀ + ½ h_l tan θ) * (1 - exp(-2 a_l))
 
-    a_l is the area of the particles near height h_l over each cell of the floor, G a Gaussian blur: the penumbra of a lamp that
-    is seen from the floor under the half angle θ.
+    a_l is the area of the particles near height h_l over each cell of the floor, G a Gaussian blur: the penumbra of
+    a lamp that is seen from the floor under the half angle θ. The second factor is the light of the room that a
+    touching body keeps away.
     """
 
     origin: Tensor
@@ -174,7 +177,8 @@ class Shadow:
         total = total.reshape(LAYERS, n, n)
         cover = 1 - torch.exp(-2 * torch.fft.irfft2(torch.fft.rfft2(total) * self.smooth, s=(n, n)).clamp_min(0))
         soft = torch.fft.irfft2(torch.fft.rfft2(cover) * self.penumbra, s=(n, n)).clamp(0, 1)
-        return 1 - self.strength * (1 - torch.prod(1 - soft, dim=0))
+        shade = 1 - self.strength * (1 - torch.prod(1 - soft, dim=0))
+        return shade * (1 - 0.5 * self.strength * soft[0])
 
     def cast(self, x: Tensor, ground: Tensor) -> Tensor:
         """Light at points ``ground`` (H, W, 2) [m] of the floor, 1 outside the map, shape (H, W)."""

@@ -11,7 +11,8 @@ from diffuphy.types import Camera
 
 @dataclass(frozen=True)
 class Image:
-    """C views of a set of G Gaussians, premultiplied: everything is weighted by the coverage α T and stands on black."""
+    """C views of a set of G Gaussians, premultiplied: everything is weighted by the coverage α T and stands on
+    black."""
 
     rgb: Tensor
     """Colour, shape (C, H, W, 3)."""
@@ -20,7 +21,8 @@ class Image:
     depth: Tensor
     """Distance along the optical axis times coverage, in the unit of the means, shape (C, H, W)."""
     means2d: Tensor
-    """Projected centres, shape (C, G, 2) [px]; after a backward pass ``means2d.grad`` is what densification thresholds."""
+    """Projected centres, shape (C, G, 2) [px]; after a backward pass ``means2d.grad`` is what densification
+    thresholds."""
 
     def over(self, background: Tensor) -> Tensor:
         """Colour over a background of shape (3,), (H, W, 3) or (C, H, W, 3): rgb + (1 - alpha) background."""
@@ -28,7 +30,8 @@ class Image:
 
 
 class Rasteriser(Protocol):
-    """Draws Gaussians with covariance Σ = F R S² Rᵀ Fᵀ; operands as in :func:`diffuphy.render.rasterize`, already checked."""
+    """Draws Gaussians with covariance Σ = F R S² Rᵀ Fᵀ; operands as in :func:`diffuphy.render.rasterize`, already
+    checked."""
 
     def __call__(
         self,

@@ -1,7 +1,8 @@
 """Gaussians as .ply files in the layout of 3D Gaussian splatting (Kerbl et al. 2023), read by every splat viewer.
 
-float32, little endian, in the order ``x y z nx ny nz f_dc_0..2 f_rest_0.. opacity scale_0..2 rot_0..3``: opacity a logit, scales
-logarithms, rotation wxyz, ``f_rest`` channel by channel (all red, then green, then blue), absent at degree 0.
+float32, little endian, in the order ``x y z nx ny nz f_dc_0..2 f_rest_0.. opacity scale_0..2 rot_0..3``: opacity a
+logit, scales logarithms, rotation wxyz, ``f_rest`` channel by channel (all red, then green, then blue), absent at
+degree 0.
 """
 
 import math
@@ -58,8 +59,8 @@ def write(path: Path | str, gaussians: Gaussians, *, up: Up = "y_down") -> None:
     """Write ``gaussians`` to ``path``.
 
     Args:
-        up: axis convention of the file. Viewers expect images' y-down (SuperSplat turns a file by 180° about z); the other two
-            are for tools that keep the axes.
+        up: axis convention of the file. Viewers expect images' y-down (SuperSplat turns a file by 180° about z); the
+            other two are for tools that keep the axes.
 
     Raises:
         ValueError: a value is not finite, or ``up`` is unknown.

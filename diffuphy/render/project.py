@@ -1,4 +1,4 @@
-"""The rasteriser once more, in a few lines of torch: dense, slow, differentiated by autograd. The kernels are tested against it.
+"""The rasteriser once more, in a few lines of torch: dense, slow, exact. The kernels are tested against it.
 
 Zwicker et al., EWA splatting (2002), eq. 29-31; Kerbl et al., 3D Gaussian splatting (2023), eq. 3 and 5.
 """
@@ -81,7 +81,8 @@ def composite(
 
 @dataclass(frozen=True)
 class Dense:
-    """Reference rasteriser: every Gaussian at every pixel. Memory grows as C · G · H · W; for tests and small pictures."""
+    """Reference rasteriser: every Gaussian at every pixel. Memory grows as C · G · H · W; for tests and small
+    pictures."""
 
     dilation: float = 0.3
     """ε added to the diagonal of the 2D covariance [px²]."""

@@ -1,7 +1,7 @@
 """The rasteriser in Warp: autograd bridge between torch tensors and the kernels of ``diffuphy.render.kernels``."""
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from types import SimpleNamespace
 from typing import Any, Literal
 
@@ -23,11 +23,13 @@ class Warp:
     """Tile rasteriser of this package; runs on CPU and CUDA, in float32 and float64, differentiable in every operand.
 
     Zwicker et al., EWA splatting (2002); Kerbl et al., 3D Gaussian splatting (2023). On one device the result is
-    bit-identical from run to run, except for the gradients of the ``pixel`` driver on CUDA, which are summed by atomics.
+    bit-identical from run to run, except for the gradients of the ``pixel`` driver on CUDA, which are summed by
+    atomics.
     """
 
     dilation: float = 0.3
-    """ε added to the diagonal of the 2D covariance [px²]: no Gaussian is thinner than a pixel can show (Kerbl et al. 2023)."""
+    """ε added to the diagonal of the 2D covariance [px²]: no Gaussian is thinner than a pixel can show (Kerbl et al.
+    2023)."""
     near: float = 0.01
     """Centres nearer to the camera plane are not drawn [unit of the means], as in gsplat."""
     alpha_min: float = 1 / 255
@@ -39,7 +41,8 @@ class Warp:
     driver: Literal["auto", "tile", "pixel"] = "auto"
     """Thread layout: one thread a tile, one a pixel, or what suits the device ("tile" on CPU, "pixel" on CUDA)."""
     tile: int = 0
-    """Side of a tile [px]; 0 chooses 32 for the tile driver (the pixels fit the first-level cache) and 8 for the pixel driver."""
+    """Side of a tile [px]; 0 chooses 32 for the tile driver (the pixels fit the first-level cache) and 8 for the
+    pixel driver."""
     threads: int = 2
     """CPU threads; never changes a result."""
 
@@ -77,7 +80,7 @@ class Warp:
         return driver, self.tile or (32 if driver == "tile" else 8)
 
 
-@lru_cache(maxsize=None)
+@cache
 def _vectors(real: type) -> SimpleNamespace:
     """Warp types of the tensors that cross the bridge."""
     vec2, vec3, vec4 = (wp.types.vector(n, real) for n in (2, 3, 4))
@@ -95,7 +98,8 @@ def _vectors(real: type) -> SimpleNamespace:
 def _spread_launch(
     kernel: wp.Kernel, dim: tuple[int, ...], axis: int, inputs: list, device: torch.device, threads: int
 ) -> None:
-    """Launch ``kernel`` over ``dim``, on the CPU cut along ``axis`` into one launch a thread; the first argument is the start."""
+    """Launch ``kernel`` over ``dim``, on the CPU cut along ``axis`` into one launch a thread; the first argument is
+    the start."""
     wp_device = wp.device_from_torch(device)
     kernel.module.load(
         wp_device, 256 if wp_device.is_cuda else 1
@@ -171,7 +175,8 @@ class _Composite(torch.autograd.Function):
         else:
             dim, axis, kernel = (views, size[1], size[0]), 1, kernels.pixel
         _spread_launch(kernel, dim, axis, inputs, means2d.device, settings.threads)
-        # the operands only so that autograd notices if one is changed in place: the kernels read them through ``splats``
+        # the operands only so that autograd notices if one is changed in place: the kernels read them through
+        # ``splats``
         ctx.save_for_backward(*operands, pixels, T)
         ctx.set_materialize_grads(False)
         return pixels[..., :3], 1 - T, pixels[..., 3]

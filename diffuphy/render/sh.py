@@ -1,7 +1,7 @@
-"""View-dependent colour: spherical harmonics of degree 0 to 3 in the basis of 3D Gaussian splatting (Kerbl et al. 2023)."""
+"""View-dependent colour: spherical harmonics of degree 0 to 3 in the basis of Kerbl et al. (2023)."""
 
 import math
-from functools import lru_cache
+from functools import cache
 
 import torch
 from torch import Tensor
@@ -53,10 +53,12 @@ def basis(directions: Tensor, degree: int) -> Tensor:
 
 
 def colors(sh: Tensor, means: Tensor, camera: Camera, F: Tensor | None = None) -> Tensor:
-    """Colours seen by C cameras, shape (C, G, 3): rgb = max(0, ½ + Σ_k Y_k(polar(F)ᵀ d) sh_k), d from camera to Gaussian.
+    """Colours seen by C cameras, shape (C, G, 3): rgb = max(0, ½ + Σ_k Y_k(polar(F)ᵀ d) sh_k), d from camera to
+    Gaussian.
 
-    A deformed Gaussian carries its colours with it: the direction of view is turned back by the rotation of F (Xie et al.,
-    PhysGaussian, 2024, section 3.4). At degree 0 directions and F are not looked at, and the views share one memory.
+    A deformed Gaussian carries its colours with it: the direction of view is turned back by the rotation of F (Xie
+    et al., PhysGaussian, 2024, section 3.4). At degree 0 directions and F are not looked at, and the views share one
+    memory.
 
     Args:
         sh: (G, (degree + 1)², 3).
@@ -102,11 +104,12 @@ def polar(F: Tensor) -> Tensor:
 
 
 def _polar_steps(dtype: torch.dtype) -> int:
-    """Steps from a condition number of 1e6 to rounding: each halves the logarithm of the stretches until they are near 1."""
+    """Steps from a condition number of 1e6 to rounding: each halves the logarithm of the stretches until they are
+    near 1."""
     return 8 + round(math.log2(-math.log10(torch.finfo(dtype).eps)))
 
 
-@lru_cache(maxsize=None)
+@cache
 def _sphere() -> tuple[Tensor, tuple[Tensor, ...]]:
     """32 fixed directions and, for each band, the pseudo-inverse of its basis on them, float64."""
     k = torch.arange(32, dtype=torch.float64)

@@ -15,8 +15,9 @@ class Skin:
 
         x_g = Σ_k w_gk (x_k + F_k (X_g - X_k)),   F_g = Σ_k w_gk F_k
 
-    With k = 1 a Gaussian that is carried by a particle follows that one (Xie et al., PhysGaussian, 2024, eq. 8). The average
-    over several particles is linear blend skinning; it hides the steps between particles that stand for many Gaussians.
+    With k = 1 a Gaussian that is carried by a particle follows that one (Xie et al., PhysGaussian, 2024, eq. 8). The
+    average over several particles is linear blend skinning; it hides the steps between particles that stand for many
+    Gaussians.
     """
 
     gaussians: Gaussians

@@ -23,7 +23,9 @@ def falling_ball(frames: int = 5) -> tuple[Gaussians, Particles, Trajectory]:
         torch.full((400,), 4.0),
         sh.from_rgb(torch.tensor([0.9, 0.1, 0.1])).expand(400, 1, 3),
     )
-    inner = torch.nn.functional.normalize(torch.randn(300, 3, generator=g), dim=1) * torch.rand(300, 1, generator=g) ** (1 / 3)
+    inner = torch.nn.functional.normalize(torch.randn(300, 3, generator=g), dim=1) * torch.rand(
+        300, 1, generator=g
+    ) ** (1 / 3)
     x = 0.15 * torch.cat([d, inner])
     volume = 4 / 3 * math.pi * 0.15**3 / len(x)
     particles = Particles(

@@ -32,7 +32,8 @@ def test_a_missing_package_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> N
 
 @pytest.mark.gpu
 def test_gsplat_draws_the_same_image() -> None:
-    """Both draw Σ = F R S² Rᵀ Fᵀ; they differ in when a pixel is finished and in α_max: one grey level at most pixels."""
+    """Both draw Σ = F R S² Rᵀ Fᵀ; they differ in when a pixel is finished and in α_max: one grey level at most
+    pixels."""
     pytest.importorskip("gsplat")
     operands = {name: x.cuda() for name, x in ball(500, torch.float32).items()}
     camera = orbit([30.0, 120.0], 20.0, 3.0, width=64, height=64).to("cuda")

@@ -19,7 +19,9 @@ def make(count: int, degree: int, seed: int = 0) -> Gaussians:
     def normal(*shape: int) -> torch.Tensor:
         return torch.randn(*shape, generator=g)
 
-    return Gaussians(normal(count, 3), normal(count, 4), normal(count, 3), normal(count), normal(count, (degree + 1) ** 2, 3))
+    return Gaussians(
+        normal(count, 3), normal(count, 4), normal(count, 3), normal(count), normal(count, (degree + 1) ** 2, 3)
+    )
 
 
 FIELDS = ("means", "quats", "log_scales", "logit_opacities", "sh")
@@ -27,7 +29,11 @@ FIELDS = ("means", "quats", "log_scales", "logit_opacities", "sh")
 
 @given(
     degree=st.integers(0, 3),
-    table=arrays.arrays("<f4", st.tuples(st.integers(0, 5), st.just(59)), elements=st.floats(allow_nan=False, allow_infinity=False, width=32)),
+    table=arrays.arrays(
+        "<f4",
+        st.tuples(st.integers(0, 5), st.just(59)),
+        elements=st.floats(allow_nan=False, allow_infinity=False, width=32),
+    ),
 )
 def test_round_trip_keeps_every_bit(degree: int, table, tmp_path_factory) -> None:
     """read(write(g)) = g, bit for bit, when the axes are kept."""
@@ -44,7 +50,8 @@ def test_round_trip_keeps_every_bit(degree: int, table, tmp_path_factory) -> Non
 @pytest.mark.parametrize("up", ["z_up", "y_up", "y_down"])
 @pytest.mark.parametrize("degree", [0, 3])
 def test_round_trip_through_other_axes(up: str, degree: int, tmp_path: Path) -> None:
-    """Turning there and back loses rounding only: quaternions may change by 2 ulp, coefficients by the condition of the fit."""
+    """Turning there and back loses rounding only: quaternions may change by 2 ulp, coefficients by the condition of
+    the fit."""
     g = make(20, degree)
     ply.write(tmp_path / "g.ply", g, up=up)
     back = ply.read(tmp_path / "g.ply", up=up)
@@ -76,7 +83,9 @@ def test_up_is_where_it_says(up: str, axis: tuple, tmp_path: Path) -> None:
     g = make(1, 0)
     g = Gaussians(torch.tensor([[0.0, 0.0, 1.0]]), g.quats, g.log_scales, g.logit_opacities, g.sh)
     ply.write(tmp_path / "g.ply", g, up=up)
-    torch.testing.assert_close(ply.read(tmp_path / "g.ply", up="z_up").means[0], torch.tensor(axis, dtype=torch.float32))
+    torch.testing.assert_close(
+        ply.read(tmp_path / "g.ply", up="z_up").means[0], torch.tensor(axis, dtype=torch.float32)
+    )
 
 
 @pytest.mark.parametrize("quarters", [1, 2, 3])
@@ -104,7 +113,9 @@ def test_other_programs_files_are_read(tmp_path: Path) -> None:
     values |= dict(zip(["rot_0", "rot_1", "rot_2", "rot_3"], g.quats.T.tolist(), strict=True))
     values |= {"opacity": g.logit_opacities.tolist()}
     header = "ply\nformat binary_big_endian 1.0\ncomment made elsewhere\nelement vertex 2\n"
-    header += "".join(f"property double {n}\n" for n in names) + "element face 0\nproperty list uchar int i\nend_header\n"
+    header += (
+        "".join(f"property double {n}\n" for n in names) + "element face 0\nproperty list uchar int i\nend_header\n"
+    )
     body = b"".join(struct.pack(f">{len(names)}d", *[values.get(n, [9.0, 9.0])[r] for n in names]) for r in range(2))
     (tmp_path / "g.ply").write_bytes(header.encode() + body)
     back = ply.read(tmp_path / "g.ply", up="z_up")

@@ -25,7 +25,9 @@ def two_views(dtype: torch.dtype = torch.float64) -> Camera:
 
 
 def draw(operands: dict[str, Tensor], camera: Camera, backend: Rasteriser) -> Image:
-    return rasterize(**{k: v for k, v in operands.items() if k != "F"}, F=operands.get("F"), camera=camera, backend=backend)
+    return rasterize(
+        **{k: v for k, v in operands.items() if k != "F"}, F=operands.get("F"), camera=camera, backend=backend
+    )
 
 
 def weighted_sum(image: Image) -> Tensor:
@@ -81,7 +83,8 @@ def test_float32_is_as_exact_as_its_rounding(backend: Warp) -> None:
     wide = {name: x.double() for name, x in operands.items()}
     image, expected = draw(operands, two_views(torch.float32), backend), draw(wide, two_views(), Dense())
     # 2 ulp on each of ≲ 100 terms of a pixel, plus 32²/2 ulp from the forward differences along a row of a tile: 6e-5.
-    # A term at α = α_min may fall on either side of the cut: 1 / 255 at single pixels, of which there are at most a few.
+    # A term at α = α_min may fall on either side of the cut: 1 / 255 at single pixels, of which there are at most a
+    # few.
     off = (image.rgb - expected.rgb).abs()
     assert off.median() < 1e-6
     assert (off > 6e-5).float().mean() < 1e-3
@@ -177,7 +180,8 @@ def test_coverage_of_one_gaussian_is_its_integral() -> None:
     f, distance = camera.Ks[0, 0, 0].item(), 3.0
     variance = (f * 0.1 / distance) ** 2 + 0.3
     expected = 2 * math.pi * variance * (0.8 - 1 / 255)
-    # The rim where α jumps from α_min to 0 has about 2π · 6 px · 3 crossings; each errs by less than α_min / 2, at random
+    # The rim where α jumps from α_min to 0 has about 2π · 6 px · 3 crossings; each errs by less than α_min / 2, at
+    # random
     total = draw(operands, camera, Warp()).alpha.sum().item()
     assert total == pytest.approx(expected, abs=math.sqrt(2 * math.pi * 18) / 255)
 
@@ -251,7 +255,7 @@ def test_errors_say_what_to_change() -> None:
         with_(scales=operands["scales"][:9])
     with pytest.raises(ValueError, match=r"colors must have shape \(10, 3\) or \(2, 10, 3\), got \(3, 10, 3\)"):
         with_(colors=operands["colors"].expand(3, 10, 3))
-    with pytest.raises(ValueError, match="F must be torch.float64"):
+    with pytest.raises(ValueError, match=r"F must be torch\.float64"):
         with_(F=operands["F"].float())
     with pytest.raises(ValueError, match=r"opacities\[3\] must be in \[0, 1\], got 1.5"):
         with_(opacities=operands["opacities"].index_fill(0, torch.tensor(3), 1.5))
@@ -271,7 +275,8 @@ def test_background_shows_where_nothing_covers_it() -> None:
 
 
 def test_needles_do_not_lose_their_width_in_float32() -> None:
-    """det Σ₂ as a sum of positive terms: a needle 10⁴ px long and √0.3 px wide keeps α ≤ o along its axis and vanishes beside it."""
+    """det Σ₂ as a sum of positive terms: a needle 10⁴ px long and √0.3 px wide keeps α ≤ o along its axis and
+    vanishes beside it."""
     camera = two_views(torch.float32)[:1]
     for angle in (0.3, 0.8, 1.3):
         narrow = {

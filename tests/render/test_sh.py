@@ -40,7 +40,9 @@ def test_degree_one_is_the_published_one() -> None:
     """rgb = ½ + C0 sh_0 - C1 y sh_1 + C1 z sh_2 - C1 x sh_3 (Kerbl et al. 2023, ``computeColorFromSH``)."""
     d = unit(1, 3)
     x, y, z = d[0]
-    expected = torch.stack([torch.tensor(0.28209479177387814, dtype=torch.float64), *(0.4886025119029199 * v for v in (-y, z, -x))])
+    expected = torch.stack(
+        [torch.tensor(0.28209479177387814, dtype=torch.float64), *(0.4886025119029199 * v for v in (-y, z, -x))]
+    )
     torch.testing.assert_close(sh.basis(d, 1)[0], expected)
 
 
@@ -87,7 +89,8 @@ def test_polar_gradient_is_right_at_the_identity() -> None:
 
 @pytest.mark.parametrize("degree", [1, 2, 3])
 def test_a_rotating_body_carries_its_colours(degree: int) -> None:
-    """Deforming by F = R looks like rotating centres, orientations and coefficients by R; so does turning the camera by Rᵀ."""
+    """Deforming by F = R looks like rotating centres, orientations and coefficients by R; so does turning the camera
+    by Rᵀ."""
     R = rotation(normal(1, 4, seed=5))[0]
     stretch = torch.diag(torch.tensor([1.3, 0.8, 1.0], dtype=torch.float64))
     means, coefficients, camera = 0.5 * normal(20, 3), normal(20, (degree + 1) ** 2, 3), one_camera()
@@ -123,5 +126,5 @@ def test_render_gaussians_is_rasterize_of_its_parts() -> None:
 
 
 def test_a_wrong_number_of_coefficients_is_an_error() -> None:
-    with pytest.raises(ValueError, match="1, 4, 9 or 16 coefficients .* got 5"):
+    with pytest.raises(ValueError, match=r"1, 4, 9 or 16 coefficients .* got 5"):
         sh.degree_of(torch.zeros(2, 5, 3))

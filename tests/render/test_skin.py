@@ -26,7 +26,8 @@ def body(count: int = 40, extra: int = 10) -> tuple[Gaussians, Particles]:
 
 @pytest.mark.parametrize("k", [1, 3, 8])
 def test_an_affine_motion_is_followed_exactly(k: int) -> None:
-    """x = A X + b moves every Gaussian to A X_g + b with F_g = A, whatever particles it follows: the weights sum to 1."""
+    """x = A X + b moves every Gaussian to A X_g + b with F_g = A, whatever particles it follows: the weights sum to
+    1."""
     g, particles = body()
     A, b = normal(3, 3, seed=3), normal(3, seed=4)
     means, F = Skin.bind(g, particles, k)(particles.x @ A.T + b, A.expand(len(particles), 3, 3))
@@ -36,7 +37,8 @@ def test_an_affine_motion_is_followed_exactly(k: int) -> None:
 
 
 def test_a_carried_gaussian_follows_its_carrier() -> None:
-    """With k = 1 a carried Gaussian sits on its particle, even where another particle is as near; others take the nearest."""
+    """With k = 1 a carried Gaussian sits on its particle, even where another particle is as near; others take the
+    nearest."""
     g, particles = body()
     twin = Particles(
         torch.cat([particles.x, particles.x]),  # a second particle at every place, which carries nothing

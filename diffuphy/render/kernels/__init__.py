@@ -1,8 +1,9 @@
-"""Warp kernels of the rasteriser: projection, binning, compositing. One source for CPU and CUDA, float32 and float64."""
+"""Warp kernels of the rasteriser: projection, binning, compositing; one source for both devices and precisions."""
 
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from typing import Any
 
 import torch
@@ -38,7 +39,7 @@ def spread(work: Callable[[int, int], None], count: int, threads: int) -> None:
         work(0, count)
         return
     with ThreadPoolExecutor(threads - 1) as pool:
-        others = [pool.submit(work, a, b - a) for a, b in zip(edges[1:-1], edges[2:], strict=True)]
+        others = [pool.submit(work, a, b - a) for a, b in pairwise(edges[1:])]
         work(0, edges[1])
         for other in others:
             other.result()

@@ -1,7 +1,7 @@
 """Lists of Gaussians by tile, nearest first.
 
-``ids[offsets[c, t] : offsets[c, t + 1]]`` are the Gaussians whose box meets tile t of view c, in the order of their depth.
-On the CPU a counting sort walks the Gaussians in depth order; on CUDA torch sorts the pairs by tile.
+``ids[offsets[c, t] : offsets[c, t + 1]]`` are the Gaussians whose box meets tile t of view c, in the order of their
+depth. On the CPU a counting sort walks the Gaussians in depth order; on CUDA torch sorts the pairs by tile.
 """
 
 import numpy as np
@@ -61,10 +61,12 @@ def tiling(width: int, height: int, tile: int) -> tuple[int, int]:
 
 
 def depth_order(depths: Tensor) -> Tensor:
-    """Gaussians of each view by depth (C, G), nearest first, equal depths by index; those behind the camera anywhere, on the CPU."""
+    """Gaussians of each view by depth (C, G), nearest first, equal depths by index; those behind the camera
+    anywhere, on the CPU."""
     if depths.dtype != torch.float32:
         return torch.sort(depths, dim=1, stable=True).indices
-    # the bits of positive floats ascend as the floats do; NumPy sorts whole 64-bit keys ten times faster than torch an index
+    # the bits of positive floats ascend as the floats do; NumPy sorts whole 64-bit keys ten times faster than torch
+    # an index
     bits = depths.detach().numpy().view(np.uint32).astype(np.uint64)
     keys = np.sort(bits << np.uint64(32) | np.arange(bits.shape[1], dtype=np.uint64), axis=1)
     return torch.from_numpy((keys & np.uint64(0xFFFFFFFF)).astype(np.int64))

@@ -2,24 +2,24 @@
 
     α_k = min(α_max, o_k exp(-½ dᵀ Q_k d)),   C = Σ_k f_k α_k T_k,   T_k = Π_{j<k} (1 - α_j)
 
-with f = (r, g, b, depth); terms with α_k < α_min are left out and a pixel is finished once T < T_min (Kerbl et al. 2023, eq. 3).
-With the output gradients g of C and ĝ of 1 - T, the adjoint runs front to back too and carries what lies behind,
-ρ_k = Σ_{j>k} ⟨f_j, g⟩ α_j T_j - ĝ T_end, which starts at ⟨C, g⟩ - ĝ T_end:
+with f = (r, g, b, depth); terms with α_k < α_min are left out and a pixel is finished once T < T_min (Kerbl et al.
+2023, eq. 3). With the output gradients g of C and ĝ of 1 - T, the adjoint runs front to back too and carries what
+lies behind, ρ_k = Σ_{j>k} ⟨f_j, g⟩ α_j T_j - ĝ T_end, which starts at ⟨C, g⟩ - ĝ T_end:
 
     ∂L/∂α_k = T_k ⟨f_k, g⟩ - ρ_k / (1 - α_k)
 
-Two drivers share these formulae. ``tile``: one thread a tile, Gaussians outside, pixels inside, state of the pixels in the
-image, one addition to the gradients for each pair of tile and Gaussian. ``pixel``: one thread a pixel, state in registers,
-atomic additions.
+Two drivers share these formulae. ``tile``: one thread a tile, Gaussians outside, pixels inside, state of the pixels
+in the image, one addition to the gradients for each pair of tile and Gaussian. ``pixel``: one thread a pixel, state
+in registers, atomic additions.
 """
 
-from functools import lru_cache
+from functools import cache
 from types import SimpleNamespace
 
 import warp as wp
 
 
-@lru_cache(maxsize=None)
+@cache
 def compositing_kernels(real: type) -> SimpleNamespace:
     """Kernels ``tile``, ``tile_adjoint``, ``pixel`` and ``pixel_adjoint`` in precision ``real``."""
     vec2 = wp.types.vector(2, real)

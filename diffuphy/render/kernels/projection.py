@@ -2,26 +2,28 @@
 
     M = F R(q) diag(s),  Σ = M Mᵀ,  Σ₂ = J W Σ Wᵀ Jᵀ + ε I
 
-Zwicker et al., EWA splatting (2002), eq. 29-31; Kerbl et al., 3D Gaussian splatting (2023), eq. 5. With the rows a, b of J W
-and α = Mᵀa, β = Mᵀb, the 2D covariance is [[|α|² + ε, α·β], [α·β, |β|² + ε]] and, by Lagrange's identity,
+Zwicker et al., EWA splatting (2002), eq. 29-31; Kerbl et al., 3D Gaussian splatting (2023), eq. 5. With the rows a,
+b of J W and α = Mᵀa, β = Mᵀb, the 2D covariance is [[|α|² + ε, α·β], [α·β, |β|² + ε]] and, by Lagrange's identity,
 det Σ₂ = |α × β|² + ε (|α|² + |β|²) + ε²: a sum of positive terms, exact even for needles.
 
 One thread a Gaussian, which visits all views: its gradients gather in registers, without atomics and in a fixed order.
 """
 
-from functools import lru_cache
+from functools import cache
 from types import SimpleNamespace
 
 import warp as wp
 
 MARGIN = 0.15
-"""The slope of the ray at which J is evaluated is clamped to the image enlarged by this fraction of its size on each side,
-as in gsplat (``_torch_impl.py: _persp_proj``): beyond it the first-order expansion of the perspective is worthless."""
+"""The slope of the ray at which J is evaluated is clamped to the image enlarged by this fraction of its size on each
+side, as in gsplat (``_torch_impl.py: _persp_proj``): beyond it the first-order expansion of the perspective is
+worthless."""
 
 
-@lru_cache(maxsize=None)
+@cache
 def projection_kernels(real: type, deformed: bool) -> SimpleNamespace:
-    """Kernels ``project``, ``project_adjoint`` and ``bound`` in precision ``real``; without F in their code if not ``deformed``."""
+    """Kernels ``project``, ``project_adjoint`` and ``bound`` in precision ``real``; without F in their code if not
+    ``deformed``."""
     vec2 = wp.types.vector(2, real)
     vec3 = wp.types.vector(3, real)
     vec4 = wp.types.vector(4, real)
