@@ -46,9 +46,7 @@ def explain(error: Exception, arguments: Sequence[str], conf: Path) -> str | Non
         return _instantiation(error)
     if isinstance(error, HydraException | OmegaConfBaseException):
         return _composition(error, arguments, conf)
-    if isinstance(error, ModuleNotFoundError) and error.name in EXTRAS:
-        return f"{error.name} is not installed; run: pip install 'diffuphy[{EXTRAS[error.name]}]'"
-    return _flat(error) if isinstance(error, _expected()) else None
+    return _plain(error)
 
 
 def nearest(key: str, known: Sequence[str]) -> str | None:
@@ -63,23 +61,29 @@ def nearest(key: str, known: Sequence[str]) -> str | None:
     return best if best is not None and likeness(best)[0] >= 0.6 else None
 
 
-def _expected() -> tuple[type[Exception], ...]:
-    """Errors that speak to the user. A class whose module is not loaded cannot have been raised."""
+def _plain(error: BaseException) -> str | None:
+    """The error's own words, if it speaks to the user. A class whose module is not loaded cannot have been raised."""
+    if isinstance(error, ModuleNotFoundError) and error.name in EXTRAS:
+        return f"{error.name} is not installed; run: pip install 'diffuphy[{EXTRAS[error.name]}]'"
     heavy = (("diffuphy.types", "SimulationDiverged"), ("torch", "OutOfMemoryError"))
-    return (ValueError, OSError, *(getattr(sys.modules[m], name) for m, name in heavy if m in sys.modules))
+    expected = (ValueError, OSError, *(getattr(sys.modules[m], name) for m, name in heavy if m in sys.modules))
+    return _flat(error) if isinstance(error, expected) else None
 
 
 def _flat(error: BaseException) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
-def _instantiation(error: InstantiationException) -> str:
-    """What the component itself said, and which one it was."""
+def _instantiation(error: InstantiationException) -> str | None:
+    """Which component refused its settings, and what it said; also that there is no such component or setting."""
     cause: BaseException = error
     while cause.__cause__ is not None:
         cause = cause.__cause__
+    line = _plain(cause)
+    if line is None and isinstance(cause, HydraException | ImportError | AttributeError | TypeError):
+        line = _flat(cause)
     where = re.search(r"full_key: (\S+)", str(error))
-    return f"{where[1]}: {_flat(cause)}" if where else _flat(cause)
+    return f"{where[1]}: {line}" if where and line else line
 
 
 def _composition(error: Exception, arguments: Sequence[str], conf: Path) -> str:

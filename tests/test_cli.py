@@ -7,6 +7,7 @@ import resource
 import shutil
 import subprocess
 import sys
+from fractions import Fraction
 from pathlib import Path
 
 import pytest
@@ -32,7 +33,9 @@ def conf(tmp_path, monkeypatch):
     (folder / "train.yaml").write_text(
         "defaults: [fit: sds, guidance: analytic, _self_, experiment: null, override hydra/help: film,\n"
         "  override hydra/job_logging: lines, override hydra/hydra_logging: lines]\n"
-        f"prompt: ???\nseed: 0\nstore: {tmp_path}/outputs\n" + text[text.index("\nhydra:") :]
+        f"prompt: ???\nseed: 0\nstore: {tmp_path}/outputs\ndevice: auto\nuntil: clip\nforce: []\n"
+        "stages: {clip: '${clip}'}\nclip: {_target_: fractions.Fraction, _args_: ['${prompt}']}\n"
+        + text[text.index("\nhydra:") :]
     )
     for name, lines in {
         "fit/sds": "_target_: diffuphy.quoting.protect\nsteps: 5\nlr: 0.1",
@@ -148,10 +151,30 @@ def test_divergence_is_one_line(conf, monkeypatch, capsys):
 def test_component_that_refuses_its_settings_is_named(conf, monkeypatch, capsys):
     from hydra.utils import instantiate
 
-    monkeypatch.setattr(cli, "film", lambda cfg: instantiate(cfg.fit))
-    (conf / "fit/sds.yaml").write_text("_target_: fractions.Fraction\n_args_: [a]\n")
+    monkeypatch.setattr(cli, "film", lambda cfg: instantiate(cfg.stages))
     assert main(["prompt=a ball"]) == 2
-    assert capsys.readouterr().err == "error: fit: Invalid literal for Fraction: 'a'\n"
+    assert capsys.readouterr().err == "error: stages.clip: Invalid literal for Fraction: 'a ball'\n"
+    assert main(["prompt=1/2", "clip._target_=fractions.Fractoin"]) == 2
+    assert capsys.readouterr().err.startswith("error: stages.clip: ")
+
+
+def test_film_hands_components_to_the_pipeline(conf, monkeypatch, tmp_path):
+    """Objects are made once, the device is a device, and the run folder is Hydra's."""
+    import torch
+
+    from diffuphy import pipeline
+
+    calls = []
+    monkeypatch.setattr(pipeline, "run", lambda components, **settings: calls.append((components, settings)))
+    assert main(["prompt=3/4", "until=material", "force=[prompt]"]) == 0
+    ((components, settings),) = calls
+    assert components == {"clip": Fraction(3, 4)}
+    assert settings.pop("store").device == ("cuda" if torch.cuda.is_available() else "cpu")
+    assert settings == {
+        "until": "material",
+        "force": ["prompt"],
+        "run_dir": tmp_path / "outputs/runs" / slug("3/4"),
+    }
 
 
 def test_missing_extra_is_named(conf, monkeypatch, capsys):
