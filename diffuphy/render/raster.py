@@ -79,6 +79,14 @@ class Warp:
         driver = self.driver if self.driver != "auto" else ("tile" if device.type == "cpu" else "pixel")
         return driver, self.tile or (32 if driver == "tile" else 8)
 
+    def threads_for(self, items: int) -> int:
+        """Threads for so many Gaussians times views, outside the compositing."""
+        return max(1, min(self.threads, items // THREAD_SHARE))
+
+
+THREAD_SHARE = 8192
+"""Fewest Gaussians times views that are worth a thread of their own; starting one costs as much as projecting them."""
+
 
 @cache
 def _vectors(real: type) -> SimpleNamespace:
@@ -127,7 +135,7 @@ class _Project(torch.autograd.Function):
         inputs = [array(x, t) for x, t in zip([*operands, viewmats, Ks], vectors.operands, strict=True)]
         inputs += [float(size[0]), float(size[1]), settings.dilation, settings.near]
         inputs += [array(x, t) for x, t in zip(outputs, vectors.projected, strict=True)]
-        _spread_launch(kernels.project, (count,), 0, inputs, means.device, settings.threads)
+        _spread_launch(kernels.project, (count,), 0, inputs, means.device, settings.threads_for(views * count))
         ctx.save_for_backward(*operands, viewmats, Ks, outputs[1])
         ctx.deformed, ctx.size, ctx.settings = F is not None, size, settings
         ctx.mark_non_differentiable(outputs[3])
@@ -147,7 +155,9 @@ class _Project(torch.autograd.Function):
         inputs += [array(x, t) for x, t in zip(incoming, types, strict=True)]
         inputs += [array(x, t) for x, t in zip(grads, vectors.operands, strict=False)]
         kernel = projection_kernels(real, ctx.deformed).project_adjoint
-        _spread_launch(kernel, (len(operands[0]),), 0, inputs, conics.device, ctx.settings.threads)
+        _spread_launch(
+            kernel, (len(operands[0]),), 0, inputs, conics.device, ctx.settings.threads_for(g_depths.numel())
+        )
         return (*grads[:3], grads[3] if ctx.deformed else None, None, None, None, None)
 
 
@@ -161,7 +171,7 @@ class _Composite(torch.autograd.Function):
         driver, tile = settings.layout(means2d.device)
         columns, rows = tiling(*size, tile)
         if means2d.device.type == "cpu":
-            offsets, ids = bin_by_counting(boxes, depths, tile, columns, rows, settings.threads)
+            offsets, ids = bin_by_counting(boxes, depths, tile, columns, rows, settings.threads_for(depths.numel()))
         else:
             offsets, ids = bin_by_sorting(boxes, depths, tile, columns, rows)
         splats, kernels, types = _splats(operands, (boxes, offsets, ids), size, settings)
@@ -234,7 +244,7 @@ def _boxes(means2d: Tensor, sigmas: Tensor, opacities: Tensor, size: tuple[int, 
     inputs = [array(means2d, types.vec2), array(sigmas, types.vec2), array(opacities, real), *size, settings.alpha_min]
     inputs += [array(boxes, wp.vec4i)]
     kernel = projection_kernels(real, False).bound
-    _spread_launch(kernel, (means2d.shape[1],), 0, inputs, means2d.device, settings.threads)
+    _spread_launch(kernel, (means2d.shape[1],), 0, inputs, means2d.device, settings.threads_for(sigmas.numel() // 2))
     return boxes
 
 
