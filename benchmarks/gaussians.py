@@ -3,8 +3,10 @@
     python benchmarks/gaussians.py                         # five objects, three minutes each at most
     python benchmarks/gaussians.py --objects burger --steps 300
 
-Held-out PSNR is the mean over cameras that the fit never saw, over white, against the library object that the fit chose (the
-sibling of the highest PSNR). Gaussians are those handed on: cleaned, nothing hidden. Writes docs/benchmarks/gaussians.{json,md,png}.
+Held-out PSNR is the mean over cameras that the fit never saw, over white, against the library object that the fit
+chose (the
+sibling of the highest PSNR). Gaussians are those handed on: cleaned, nothing hidden. Writes
+docs/benchmarks/gaussians.{json,md,png}.
 """
 
 import argparse
@@ -41,7 +43,12 @@ def held_out(gaussians: Gaussians, library: Library, look: Look, cameras: Orbits
     references, _ = library(look, camera, white)
     scores = torch.stack([psnr(picture, references[:, k]) for k in range(references.shape[1])])  # (K, C)
     best = int(scores.mean(1).argmax())
-    return {"psnr": scores[best].mean().item(), "worst": scores[best].min().item(), "sibling": best, "pictures": (picture, references[:, best])}
+    return {
+        "psnr": scores[best].mean().item(),
+        "worst": scores[best].min().item(),
+        "sibling": best,
+        "pictures": (picture, references[:, best]),
+    }
 
 
 def matter(gaussians: Gaussians, library: Library, look: Look, sibling: int) -> dict[str, float]:
@@ -70,10 +77,12 @@ def measure(name: str, fit: FitGaussians, library: Library, work: Workspace) -> 
 
 
 def table(rows: list[dict[str, object]]) -> str:
-    columns = [c for c in rows[0]]
+    columns = list(rows[0])
     lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
     for row in rows:
-        lines.append("| " + " | ".join(f"{v:.3g}" if isinstance(v, float) else str(v) for v in (row[c] for c in columns)) + " |")
+        lines.append(
+            "| " + " | ".join(f"{v:.3g}" if isinstance(v, float) else str(v) for v in (row[c] for c in columns)) + " |"
+        )
     return "\n".join(lines) + "\n"
 
 
@@ -95,7 +104,13 @@ def main() -> None:
         strips.append(torch.cat([torch.cat(list(picture[::6]), 1), torch.cat(list(reference[::6]), 1)], 1))
         rows.append(row)
         print(table(rows[-1:]), flush=True)
-    machine = {"machine": platform.machine(), "torch": torch.__version__, "threads": 1, "steps": arguments.steps, "seed": arguments.seed}
+    machine = {
+        "machine": platform.machine(),
+        "torch": torch.__version__,
+        "threads": 1,
+        "steps": arguments.steps,
+        "seed": arguments.seed,
+    }
     (arguments.out / "gaussians.json").write_text(json.dumps({**machine, "rows": rows}, indent=1))
     (arguments.out / "gaussians.md").write_text(f"{__doc__}\n{table(rows)}")
     from PIL import Image

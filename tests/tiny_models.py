@@ -1,6 +1,8 @@
-"""Tiny random-weight models of the real classes, saved as a user finds them, so that ``from_pretrained`` itself is tested offline.
+"""Tiny random-weight models of the real classes, saved as a user finds them, so that ``from_pretrained`` itself is
+tested offline.
 
-Every builder writes one folder in the layout of diffusers: ``unet``, ``vae``, ``text_encoder``, ``tokenizer``, ``scheduler``.
+Every builder writes one folder in the layout of diffusers: ``unet``, ``vae``, ``text_encoder``, ``tokenizer``,
+``scheduler``.
 """
 
 from pathlib import Path

@@ -62,7 +62,9 @@ class Exponential:
     def __post_init__(self) -> None:
         _check_steps(self.steps)
         if self.start <= 0 or self.end <= 0:
-            raise ValueError(f"an exponential schedule needs positive ends, got {self.start} and {self.end}; use Linear")
+            raise ValueError(
+                f"an exponential schedule needs positive ends, got {self.start} and {self.end}; use Linear"
+            )
 
     def __call__(self, step: int, total: int) -> float:
         s = min(1.0, step / _span(self.steps, total))
@@ -75,7 +77,8 @@ def scaled_linear(n: int = 1000, beta_start: float = 0.00085, beta_end: float = 
 
         √β_k = √β_0 + k/(n−1) (√β_{n−1} − √β_0),   ᾱ_k = Π_{j≤k} (1 − β_j)
 
-    Rombach et al. (2022), appendix; the numbers are those of ``scheduler/scheduler_config.json`` of Stable Diffusion 1.5.
+    Rombach et al. (2022), appendix; the numbers are those of ``scheduler/scheduler_config.json`` of Stable Diffusion
+    1.5.
     """
     betas = torch.linspace(beta_start**0.5, beta_end**0.5, n, dtype=torch.float64) ** 2
     return torch.cumprod(1 - betas, 0)

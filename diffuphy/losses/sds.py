@@ -48,7 +48,8 @@ def sds(
 
     Poole et al., DreamFusion (2023), eq. 3; DiffuPhyGS, eqs. 2 and 4. The gradient is injected, not obtained from the
     popular target ``(z − g).detach()``, which loses 18 % of it in float16 and 78 % in bfloat16. The value is
-    mean(w ‖ε̂ − ε‖²), the printed loss, whose true derivative would contain the network's Jacobian; it is for the log only.
+    mean(w ‖ε̂ − ε‖²), the printed loss, whose true derivative would contain the network's Jacobian; it is for the log
+    only.
 
     Args:
         sample: what was rendered, in ``guidance.layout``: images (B, H, W, 3) or a clip (1, T, H, W, 3) in [0, 1].

@@ -16,7 +16,8 @@ GOLDEN_ANGLE = 180 * (3 - math.sqrt(5))
 class Orbits:
     """A finite bank of cameras that look at the origin, spread evenly over a zone of a sphere.
 
-    sin(elevation) is stratified (equal areas), azimuth follows the golden angle, both jittered by the seed. The bank is finite
+    sin(elevation) is stratified (equal areas), azimuth follows the golden angle, both jittered by the seed. The bank
+    is finite
     so that a prior may remember what it has worked out for each camera.
     """
 
@@ -40,7 +41,9 @@ class Orbits:
         if self.bank < 1 or self.size < 8:
             raise ValueError(f"bank must be at least 1 and size at least 8 px, got {self.bank} and {self.size}")
         if not 0 < self.fov < 180 or self.distance <= 0:
-            raise ValueError(f"fov must be in (0, 180) degrees and distance positive, got {self.fov} and {self.distance}")
+            raise ValueError(
+                f"fov must be in (0, 180) degrees and distance positive, got {self.fov} and {self.distance}"
+            )
 
     def __call__(self) -> Camera:
         """The bank, C = ``bank`` cameras."""

@@ -6,7 +6,8 @@ The printed rule (DiffuPhyGS, eq. 3) splits Gaussian i when g_i ≥ τ_base (1 +
     g_i − τ_i = (1 − β) g_i − τ_base + β ḡ,
 
 so it is one threshold for all, not one each: for β < 1 the vanilla rule with its threshold pushed away from the mean,
-g* = ḡ + (τ_base − ḡ)/(1 − β); for β > 1 the rule is *reversed* and splits the Gaussians with the smallest gradients; for β = 1
+g* = ḡ + (τ_base − ḡ)/(1 − β); for β > 1 the rule is *reversed* and splits the Gaussians with the smallest gradients;
+for β = 1
 it splits all or none. σ_g falls while a scene converges, so a fixed τ_base drifts across β = 1 in mid-run.
 """
 
@@ -42,7 +43,7 @@ def das_literal(g: Tensor, tau_base: float, alpha: float) -> Tensor:
 def das_threshold(g: Tensor, tau_base: float, alpha: float, beta_max: float = 0.5) -> float:
     """The one threshold that eq. 3 amounts to, with the slope kept where the rule means what it says.
 
-        g* = ḡ + (τ_base − ḡ)/(1 − min(β, β_max)),   split where g ≥ g*
+    g* = ḡ + (τ_base − ḡ)/(1 − min(β, β_max)),   split where g ≥ g*
     """
     mean = g.mean().item()
     return mean + (tau_base - mean) / (1 - min(beta(g, tau_base, alpha), beta_max))
@@ -79,15 +80,22 @@ class AdaptiveSplitting:
         if self.rule not in ("das", "das_literal"):
             raise ValueError(f"rule must be 'das' or 'das_literal', got {self.rule!r}")
         if self.alpha < 0 or self.kappa <= 0 or (self.tau_base is not None and self.tau_base <= 0):
-            raise ValueError(f"alpha must be ≥ 0, kappa and tau_base > 0, got {self.alpha}, {self.kappa}, {self.tau_base}")
+            raise ValueError(
+                f"alpha must be ≥ 0, kappa and tau_base > 0, got {self.alpha}, {self.kappa}, {self.tau_base}"
+            )
         if not 0 <= self.growth <= 1:
             raise ValueError(f"growth must be in [0, 1], got {self.growth}")
-        if self.every <= 0:
-            raise ValueError(f"every must be positive, got {self.every}")
+        for name, x in (("start", self.start), ("stop", self.stop), ("every", self.every)):
+            if x < 0 or (name == "every" and x == 0) or (isinstance(x, float) and x > 1):
+                raise ValueError(
+                    f"{name} must be a number of steps (int) or a share of the run in [0, 1] (float), got {x}"
+                )
 
     def due(self, step: int, total: int) -> bool:
         """True when an event follows step ``step`` (counted from 1) of ``total``."""
-        start, stop, every = (x if isinstance(x, int) else round(x * total) for x in (self.start, self.stop, self.every))
+        start, stop, every = (
+            x if isinstance(x, int) else round(x * total) for x in (self.start, self.stop, self.every)
+        )
         return start <= step <= stop and (step - start) % max(1, every) == 0
 
     def chosen(self, g: Tensor) -> tuple[Tensor, float]:
@@ -97,8 +105,8 @@ class AdaptiveSplitting:
         if self.rule == "das_literal":
             if slope >= 1:
                 warnings.warn(
-                    f"DAS is reversed: β = τ_base α/σ_g = {slope:.2f} ≥ 1, so eq. 3 splits the Gaussians with the smallest gradients; "
-                    "lower alpha or tau_base, or use rule='das'",
+                    f"DAS is reversed: β = τ_base α/σ_g = {slope:.2f} ≥ 1, so eq. 3 splits the Gaussians "
+                    "with the smallest gradients; lower alpha or tau_base, or use rule='das'",
                     RuntimeWarning,
                     stacklevel=2,
                 )
@@ -126,7 +134,13 @@ class AdaptiveSplitting:
         split, clone = mask & alive & ~small, mask & alive & small
         new = [_split(params, split, generator), _clone(params, clone, generator)]
         params.replace(alive & ~split & ~clone, {n: torch.cat([part[n] for part in new]) for n in params.values})
-        return {"split": int(split.sum()), "cloned": int(clone.sum()), "pruned": int((~alive).sum()), "gaussians": len(params), "beta": slope}
+        return {
+            "split": int(split.sum()),
+            "cloned": int(clone.sum()),
+            "pruned": int((~alive).sum()),
+            "gaussians": len(params),
+            "beta": slope,
+        }
 
 
 def _split(params: Parameters, mask: Tensor, generator: torch.Generator) -> dict[str, Tensor]:
@@ -137,7 +151,8 @@ def _split(params: Parameters, mask: Tensor, generator: torch.Generator) -> dict
 
 
 def _clone(params: Parameters, mask: Tensor, generator: torch.Generator) -> dict[str, Tensor]:
-    """Two of each, drawn from the parent, which together are as opaque as it: 1 − (1 − o′)² = o (Rota Bulò et al. 2024, eq. 8)."""
+    """Two of each, drawn from the parent, which together are as opaque as it: 1 − (1 − o′)² = o (Rota Bulò et al.
+    2024, eq. 8)."""
     new = _pairs(params, mask, generator)
     o = torch.sigmoid(new["logit_opacities"])
     new["logit_opacities"] = torch.logit(1 - (1 - o).sqrt(), eps=1e-6)

@@ -11,6 +11,7 @@ from diffuphy.render.sh import from_rgb
 from diffuphy.text2gs.params import nearest_distance
 from diffuphy.types import N_SH, Gaussians, Look
 
+
 @dataclass(frozen=True)
 class Ball:
     """Grey Gaussians that fill a ball evenly: for priors that know no geometry."""
@@ -42,8 +43,8 @@ class SurfaceCloud:
     """Number of Gaussians to start with."""
     noise: float = 0.05
     """Standard deviation of the blur of positions [object units]."""
-    opacity: float = 0.3
-    """Low enough that gradients reach the back, high enough to be seen."""
+    opacity: float = 0.7
+    """A surface is opaque: 0.7 ends 0.3 dB higher and with twice the opacity of 0.3."""
     coloured: bool = False
     """Start from the object's colours instead of grey."""
 

@@ -26,7 +26,9 @@ def log_density(guidance, z_t, t, cond):
     total = []
     for b in range(len(z_t)):
         var = alpha[b] ** 2 * guidance.s**2 + sigma[b] ** 2
-        square = (z_t[b][None] - alpha[b] * r[b]) ** 2 / (2 * var) + 0.5 * torch.log(2 * math.pi * var)  # (K, ..., H, W, 3)
+        square = (z_t[b][None] - alpha[b] * r[b]) ** 2 / (2 * var) + 0.5 * torch.log(
+            2 * math.pi * var
+        )  # (K, ..., H, W, 3)
         total.append(-square)
     total = torch.stack(total)  # (B, K, ...)
     if guidance.mode == "independent":
@@ -97,7 +99,11 @@ def test_patch_grid_needs_and_follows_the_generator():
         return torch.rand(1, 2, 16, 16, 3, generator=torch.Generator().manual_seed(0)), None
 
     guidance = Analytic(references, mode="patch", patch=8)
-    draw = lambda seed: [guidance.condition(None, None, None, generator=g).offset for g in [torch.Generator().manual_seed(seed)] for _ in range(8)]  # noqa: E731
+
+    def draw(seed):
+        g = torch.Generator().manual_seed(seed)
+        return [guidance.condition(None, None, None, generator=g).offset for _ in range(8)]
+
     assert draw(3) == draw(3) and len(set(draw(3))) > 1
     with pytest.raises(ValueError, match="generator"):
         guidance.condition(None, None, None)

@@ -23,7 +23,10 @@ def test_noise_cancels_for_one_reference(weight):
     g = torch.Generator().manual_seed(0)
     x, r = (torch.rand(2, 6, 6, 3, generator=g, dtype=torch.float64) for _ in range(2))
     guidance, t = Analytic(s=0.0), torch.tensor([0.1, 0.8], dtype=torch.float64)
-    got = [gradient(guidance, x, Variants(r[:, None]), t, generator=torch.Generator().manual_seed(i), weight=weight) for i in (1, 2)]
+    got = [
+        gradient(guidance, x, Variants(r[:, None]), t, generator=torch.Generator().manual_seed(i), weight=weight)
+        for i in (1, 2)
+    ]
     alpha, sigma = (a.view(-1, 1, 1, 1) for a in guidance.schedule(t))
     expected = 2 * WEIGHTS[weight](alpha, sigma) * alpha / sigma * 2 * (x - r)
     for grad in got:
@@ -32,10 +35,13 @@ def test_noise_cancels_for_one_reference(weight):
 
 @pytest.mark.parametrize("weight", list(WEIGHTS))
 def test_expected_gradient_is_the_closed_form(weight):
-    """E_ε[w(ε̂ − ε)] = w σ α (z − r) / (α² s² + σ²) for one Gaussian; per draw the rest is w (σ²/v − 1) ε with v = α²s² + σ².
+    """E_ε[w(ε̂ − ε)] = w σ α (z − r) / (α² s² + σ²) for one Gaussian; per draw the rest is w (σ²/v − 1) ε with v =
+    α²s² + σ².
 
-    The mean of n draws is therefore normal about the closed form with standard error w |σ²/v − 1| / √n. The largest of D
-    such errors exceeds 5.5 of them with chance D · 4e-8 < 1e-5, and their rms must be the standard error within 4/√(2D).
+    The mean of n draws is therefore normal about the closed form with standard error w |σ²/v − 1| / √n. The largest
+    of D
+    such errors exceeds 5.5 of them with chance D · 4e-8 < 1e-5, and their rms must be the standard error within
+    4/√(2D).
     """
     g = torch.Generator().manual_seed(0)
     x, r = (torch.rand(1, 6, 6, 3, generator=g, dtype=torch.float64) for _ in range(2))
@@ -82,7 +88,10 @@ def test_half_precision_sample_gets_the_full_gradient():
 def test_noise_comes_from_the_generator_alone():
     g = torch.Generator().manual_seed(0)
     x, r, t = torch.rand(1, 4, 4, 3, generator=g), torch.rand(1, 2, 4, 4, 3, generator=g), torch.tensor([0.7])
-    draw = lambda seed: gradient(Analytic(s=0.3), x, Variants(r), t, generator=torch.Generator().manual_seed(seed))  # noqa: E731
+
+    def draw(seed):
+        return gradient(Analytic(s=0.3), x, Variants(r), t, generator=torch.Generator().manual_seed(seed))
+
     state = torch.random.get_rng_state()
     assert torch.equal(draw(1), draw(1)) and not torch.equal(draw(1), draw(2))
     assert torch.equal(state, torch.random.get_rng_state())
@@ -113,7 +122,8 @@ def test_wrong_arguments_are_refused(change, message):
 
 
 def test_noise_schedule_is_that_of_stable_diffusion():
-    """ᾱ of diffusers' DDIMScheduler with the numbers of SD 1.5; it works in float32, so 1000 factors agree to 1e-4 relative."""
+    """ᾱ of diffusers' DDIMScheduler with the numbers of SD 1.5; it works in float32, so 1000 factors agree to 1e-4
+    relative."""
     diffusers = pytest.importorskip("diffusers")
     scheduler = diffusers.DDIMScheduler(beta_start=0.00085, beta_end=0.012, beta_schedule="scaled_linear")
     torch.testing.assert_close(scaled_linear().float(), scheduler.alphas_cumprod, rtol=1e-4, atol=0)

@@ -8,7 +8,8 @@ import torch
 
 @dataclass(frozen=True)
 class BeachBall:
-    """``variants`` balls about the origin that differ in hue; pictures by intersecting rays with the sphere, ``aa``² rays a pixel."""
+    """``variants`` balls about the origin that differ in hue; pictures by intersecting rays with the sphere, ``aa``²
+    rays a pixel."""
 
     radius: float = 0.8
     variants: int = 1
@@ -34,7 +35,10 @@ class BeachBall:
     def render(self, camera):
         """(rgb premultiplied (C, K, H, W, 3), alpha (C, 1, H, W))."""
         h, w, a = camera.height, camera.width, self.aa
-        R, position = camera.viewmats[:, :3, :3], -torch.einsum("cji,cj->ci", camera.viewmats[:, :3, :3], camera.viewmats[:, :3, 3])
+        R, position = (
+            camera.viewmats[:, :3, :3],
+            -torch.einsum("cji,cj->ci", camera.viewmats[:, :3, :3], camera.viewmats[:, :3, 3]),
+        )
         y, x = torch.meshgrid((torch.arange(h * a) + 0.5) / a, (torch.arange(w * a) + 0.5) / a, indexing="ij")
         rays = torch.stack([x, y, torch.ones_like(x)], -1)  # (H, W, 3) px
         d = torch.einsum("cji,cjk,hwk->chwi", R, torch.linalg.inv(camera.Ks), rays)
@@ -44,5 +48,8 @@ class BeachBall:
         hit = (disc > 0).float()
         normals = (position[:, None, None] + d * (-b - disc.clamp_min(0).sqrt())[..., None]) / self.radius
         rgb = self.colours(normals).movedim(0, 1) * hit[:, None, ..., None]
-        pool = lambda z: z.unflatten(2, (h, a)).mean(3).unflatten(3, (w, a)).mean(4)  # noqa: E731
+
+        def pool(z):
+            return z.unflatten(2, (h, a)).mean(3).unflatten(3, (w, a)).mean(4)
+
         return pool(rgb), pool(hit[:, None])

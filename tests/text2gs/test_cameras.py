@@ -15,12 +15,15 @@ def positions(camera):
 
 
 def test_viewmats_are_rigid_and_look_at_the_origin():
-    """Rᵀ R = I, det R = 1; the origin is on the optical axis at the given distance; world z points up in the picture (−y)."""
+    """Rᵀ R = I, det R = 1; the origin is on the optical axis at the given distance; world z points up in the picture
+    (−y)."""
     camera = Orbits(bank=50, distance=3.0)()
     R = camera.viewmats[:, :3, :3]
     torch.testing.assert_close(R @ R.mT, torch.eye(3).expand_as(R), atol=1e-6, rtol=0)
     torch.testing.assert_close(torch.linalg.det(R), torch.ones(50), atol=1e-6, rtol=0)
-    torch.testing.assert_close(camera.viewmats[:, :3, 3], torch.tensor([0.0, 0.0, 3.0]).expand(50, 3), atol=1e-6, rtol=0)
+    torch.testing.assert_close(
+        camera.viewmats[:, :3, 3], torch.tensor([0.0, 0.0, 3.0]).expand(50, 3), atol=1e-6, rtol=0
+    )
     torch.testing.assert_close(positions(camera).norm(dim=1), torch.full((50,), 3.0))
     assert (R[:, 1, 2] < 0).all()
 
@@ -46,7 +49,8 @@ def test_seed_decides_the_bank():
 
 
 def test_projection_follows_the_field_of_view():
-    """A point at half the field of view falls on the border of the picture; +x looks at the front, +y is to its right."""
+    """A point at half the field of view falls on the border of the picture; +x looks at the front, +y is to its
+    right."""
     camera = orbit([0.0], [0.0], 3.0, fov=40.0, width=64, height=64)
     point = torch.tensor([0.0, 3.0 * math.tan(math.radians(20)), 0.0, 1.0])
     p = camera.Ks[0] @ (camera.viewmats[0] @ point)[:3]
@@ -54,7 +58,9 @@ def test_projection_follows_the_field_of_view():
 
 
 def test_view_words_name_the_side():
-    camera = orbit([0.0, 44.0, -90.0, 100.0, 170.0, 0.0], [0.0, 10.0, 0.0, 20.0, 0.0, 70.0], 3.0, fov=40.0, width=8, height=8)
+    camera = orbit(
+        [0.0, 44.0, -90.0, 100.0, 170.0, 0.0], [0.0, 10.0, 0.0, 20.0, 0.0, 70.0], 3.0, fov=40.0, width=8, height=8
+    )
     words = view_words(camera)
     assert words == ("front view", "front view", "side view", "side view", "back view", "overhead view")
 

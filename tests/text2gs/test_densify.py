@@ -124,7 +124,8 @@ def test_survivors_keep_their_moments_and_newcomers_have_none():
 
 
 def test_small_are_cloned_and_large_are_split():
-    """Clones keep their size and share the opacity, 1 − (1 − o′)² = o; split children are 1.6 times smaller and as opaque."""
+    """Clones keep their size and share the opacity, 1 − (1 − o′)² = o; split children are 1.6 times smaller and as
+    opaque."""
     for scale, kind, shrink, opacity in ((0.005, "cloned", 1.0, 1 - math.sqrt(0.5)), (0.05, "split", 1.6, 0.5)):
         source = gaussians(50, scale=scale)
         params = Parameters(source)
@@ -159,17 +160,19 @@ def test_adam_is_that_of_torch():
     source = gaussians(40, dtype=torch.float64)
     params, rates = Parameters(source), LearningRates()
     reference = {n: x.detach().clone().requires_grad_() for n, x in params.values.items()}
-    adam = torch.optim.Adam([{"params": [x], "lr": getattr(rates, n)} for n, x in reference.items()], betas=(0.9, 0.99), eps=1e-15)
+    adam = torch.optim.Adam(
+        [{"params": [x], "lr": getattr(rates, n)} for n, x in reference.items()], betas=(0.9, 0.99), eps=1e-15
+    )
     generator = torch.Generator().manual_seed(0)
     for _ in range(20):
-        for n in reference:
-            grad = torch.randn(reference[n].shape, generator=generator, dtype=torch.float64)
-            params.values[n].grad, reference[n].grad = grad.clone(), grad
+        for n, x in reference.items():
+            x.grad = torch.randn(x.shape, generator=generator, dtype=torch.float64)
+            params.values[n].grad = x.grad.clone()
         params.step(rates)
         adam.step()
-    for n in reference:
+    for n, x in reference.items():
         # bias corrections are float32 here: 6e-8 of a step, 20 steps of at most 10 learning rates
-        torch.testing.assert_close(params.values[n], reference[n], rtol=0, atol=20 * 10 * 0.05 * 6e-8)
+        torch.testing.assert_close(params.values[n], x, rtol=0, atol=20 * 10 * 0.05 * 6e-8)
 
 
 def test_project_bounds_size_and_anisotropy():
@@ -190,5 +193,7 @@ def test_clean_removes_haze_outsiders_and_loners():
     logits[:5] = -4.0
     means[5:9] = torch.tensor([0.0, 0.0, 3.0])
     means[9] = torch.tensor([0.0, 0.0, 1.5])
-    kept, removed = clean(Gaussians(means, source.quats, source.log_scales, logits, source.sh), min_opacity=0.1, radius=1.7, isolation=4.0)
+    kept, removed = clean(
+        Gaussians(means, source.quats, source.log_scales, logits, source.sh), min_opacity=0.1, radius=1.7, isolation=4.0
+    )
     assert removed == {"transparent": 5, "outside": 4, "isolated": 1} and len(kept) == 290

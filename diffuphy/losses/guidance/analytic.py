@@ -31,15 +31,19 @@ class Analytic:
         ε̂ = −σ ∇ log p_t(z_t) = σ (z_t − α Σ_k γ_k r_k) / (α² s² + σ²),
         γ_k ∝ π_k exp(−‖z_t − α r_k‖² / 2(α² s² + σ²)).
 
-    A memorising prior by design: with one reference and s = 0 the noise cancels, ε̂ − ε = (α/σ)(z − r), and score distillation is
-    a weighted least-squares reconstruction; with several, whole-picture posteriors are nearly hard and choose one of them; only
+    A memorising prior by design: with one reference and s = 0 the noise cancels, ε̂ − ε = (α/σ)(z − r), and score
+    distillation is
+    a weighted least-squares reconstruction; with several, whole-picture posteriors are nearly hard and choose one of
+    them; only
     ``mode="patch"`` (a local score machine: Kamb & Ganguli 2024) makes objects that are in no reference.
     """
 
     references: Callable[..., tuple[Tensor, Tensor | None]] | None = None
-    """``references(words, camera, background) -> (images (B, K, H, W, 3) in [0, 1], logits (K,))``; None when conditions are built by hand."""
+    """``references(words, camera, background) -> (images (B, K, H, W, 3) in [0, 1], logits (K,))``; None when
+    conditions are built by hand."""
     mode: Literal["joint", "independent", "patch"] = "joint"
-    """Who shares the posterior γ: all samples of a batch (views of one object), each sample alone, or each patch alone."""
+    """Who shares the posterior γ: all samples of a batch (views of one object), each sample alone, or each patch
+    alone."""
     patch: int = 8
     """Side of a patch [px]; must divide the picture. Smaller mixes more freely and holds together less."""
     s: float = 0.05
@@ -58,14 +62,19 @@ class Analytic:
     def condition(
         self, words: Look | Motion, camera: Camera, background: Tensor, *, generator: torch.Generator | None = None
     ) -> Variants:
-        """The references for these words and cameras, and in patch mode a random start of the grid (needs ``generator``)."""
+        """The references for these words and cameras, and in patch mode a random start of the grid (needs
+        ``generator``)."""
         if self.references is None:
-            raise ValueError("Analytic has no references; give references=..., or build the condition with Variants(images, logits)")
+            raise ValueError(
+                "Analytic has no references; give references=..., or build the condition with Variants(images, logits)"
+            )
         images, logits = self.references(words, camera, background)
         offset = (0, 0)
         if self.mode == "patch":
             if generator is None:
-                raise ValueError("mode='patch' shifts its grid at random: call condition(..., generator=torch.Generator())")
+                raise ValueError(
+                    "mode='patch' shifts its grid at random: call condition(..., generator=torch.Generator())"
+                )
             oy, ox = torch.randint(0, self.patch, (2,), generator=generator, device=generator.device).tolist()
             offset = (oy, ox)
         return Variants(images, logits, offset)
@@ -79,7 +88,8 @@ class Analytic:
         return variance_preserving(t, scaled_linear())
 
     def predict_noise(self, z_t: Tensor, t: Tensor, cond: Variants | tuple[Any, ...]) -> Tensor:
-        """ε̂ = σ (z_t − α m) / (α² s² + σ²) with the posterior mean m = Σ_k γ_k r_k; never divides by a small number but σ² + α² s²."""
+        """ε̂ = σ (z_t − α m) / (α² s² + σ²) with the posterior mean m = Σ_k γ_k r_k; never divides by a small number
+        but σ² + α² s²."""
         images, logits, offset = Variants(*cond)
         r = 2 * images.to(z_t) - 1  # (B, K, ...)
         if r.shape[:1] + r.shape[2:] != z_t.shape:
@@ -106,7 +116,8 @@ class Analytic:
         return torch.softmax(log_gamma, 1).expand(len(z), -1, -1)
 
     def _patches(self, x: Tensor, lead: int, offset: tuple[int, int]) -> Tensor:
-        """``lead`` leading axes, then ([T,] H, W, 3) → (P, D): patches of a grid shifted by ``offset``, wrapped; a clip's span all frames."""
+        """``lead`` leading axes, then ([T,] H, W, 3) → (P, D): patches of a grid shifted by ``offset``, wrapped; a
+        clip's span all frames."""
         h, w, c = x.shape[-3:]
         p = self.patch
         if h % p or w % p:

