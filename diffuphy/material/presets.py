@@ -146,21 +146,22 @@ PRESETS: dict[str, Preset] = {
         _solid("glass", 2e6, 0.22, 2500.0),
         _solid("stone", 2e6, 0.22, 2400.0),
         # Ductile. PhysFlow metal 1e7 and 8 kPa, Genesis 1e6 and 10 kPa: an impact at 3 m/s (ρ c v ≈ 0.2 MPa) dents it.
-        _ductile("metal", 2e6, 0.30, 2500.0, 8e4),
+        _ductile("metal", 2e6, 0.30, 2500.0, 5e4),
         _ductile("steel", 2e6, 0.30, 2500.0, 2e5),
-        _ductile("gold", 1.5e6, 0.40, 2500.0, 4e4),
-        _ductile("wax", 5e5, 0.40, 900.0, 2e4),
-        _ductile("chocolate", 8e5, 0.35, 1250.0, 3e4),
+        _ductile("gold", 1.5e6, 0.40, 2500.0, 2e4),
+        _ductile("wax", 5e5, 0.40, 900.0, 1e4),
+        _ductile("chocolate", 8e5, 0.35, 1250.0, 2e4),
         _ductile("butter", 1.5e5, 0.40, 950.0, 4e3),
         # NCLaw plasticine 3e5 and 5 kPa, PhysFlow playdoh 1e5 and 1 kPa; above ρ g H / 2, so that they stand.
         _ductile("plasticine", 3e5, 0.30, 1200.0, 6e3),
         _ductile("clay", 3e5, 0.35, 1600.0, 8e3),
         _ductile("playdoh", 1e5, 0.40, 1100.0, 4e3),
-        # Granular. NCLaw 1e6, 0.2, 25°; PhysGaussian 30°; Genesis 45°. Snow coheres to 3κc = 3 kPa: stands and breaks.
-        _grains("sand", 1e6, 0.20, 1600.0, 30.0),
-        _grains("gravel", 1.5e6, 0.20, 1700.0, 36.0),
-        _grains("salt", 1e6, 0.20, 1200.0, 32.0),
-        _grains("snow", 3e5, 0.20, 300.0, 30.0, cohesion=6e-3),
+        # Granular. NCLaw 1e6, 0.2, 25°; PhysGaussian 30°; Genesis 45°. Snow coheres to 3κc = 0.5 kPa: it stands under its
+        # own weight, crumples on impact and holds together.
+        _grains("sand", 1e6, 0.20, 1600.0, 35.0),
+        _grains("gravel", 1.5e6, 0.20, 1700.0, 40.0),
+        _grains("salt", 1e6, 0.20, 1200.0, 33.0),
+        _grains("snow", 3e5, 0.20, 300.0, 30.0, cohesion=1e-3),
         # Pastes. PhysFlow jam 50 Pa and 200 Pa s, Newton mud 300 Pa and 100 Pa s.
         _paste("dough", 8e4, 1100.0, 6e2, 400.0),
         _paste("icecream", 8e4, 600.0, 5e2, 300.0),
