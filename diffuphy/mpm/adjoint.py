@@ -21,15 +21,15 @@ from diffuphy.mpm.boundary import Signature, make_contact
 from diffuphy.mpm.kernels import cached, make_kernels, make_spline
 
 Needs = tuple[bool, bool, bool, bool]
-"""Which of w_e, w_p, θ, mass need a gradient; the others get no buffer and no code."""
+"""Which of w_e, w_p, θ, mass need a gradient; the others get no buffer. It is data: one compiled kernel serves all sixteen cases."""
 
 
-def make_adjoint(mixture: Any, walls: Signature, real: type, needs: Needs) -> SimpleNamespace:
+def make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace:
     """The four kernels of a backward substep: ``grid_again``, ``g2p_adjoint``, ``grid_adjoint``, ``p2g_adjoint``. Cached."""
-    return cached(_make_adjoint, mixture, walls, real, needs)
+    return cached(_make_adjoint, mixture, walls, real)
 
 
-def _make_adjoint(mixture: Any, walls: Signature, real: type, needs: Needs) -> SimpleNamespace:
+def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace:
     forward = make_kernels(mixture, walls, real)
     vec3, mat33, vec4, wall_t = forward.vec3, forward.mat33, forward.vec4, forward.wall_t
     w_e_t, w_p_t, theta_t = mixture.w_e_t, mixture.w_p_t, mixture.theta_t
@@ -39,7 +39,6 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type, needs: Needs) -> S
     apply, contact_adjoint, velocity, place = contact.apply, contact.adjoint, forward.velocity, forward.place
     plastic, has_walls = mixture.is_plastic, len(walls) > 0
     ke, kp = mixture.Ke, mixture.Kp
-    need_w_e, need_w_p, need_theta, need_m = needs
 
     @wp.kernel(module="unique", enable_backward=False)
     def grid_again(
@@ -176,6 +175,10 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type, needs: Needs) -> S
         w_p_bar: wp.array[w_p_t],
         theta_bar: wp.array[theta_t],
         m_bar: wp.array[real],
+        need_w_e: bool,
+        need_w_p: bool,
+        need_theta: bool,
+        need_m: bool,
     ):
         p = wp.tid()
         r = at + p
@@ -233,13 +236,13 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type, needs: Needs) -> S
         C_bar[p] = (m_p * dx) * A_bar
         F_bar, we_b, wp_b, th_b = stress_adjoint(F, w_e_p, w_p_p, theta_p, dt, -k4 * A_bar, He_bar[p])
         He_bar[p] = F_bar
-        if wp.static(need_w_e):
+        if need_w_e:
             w_e_bar[p] = w_e_bar[p] + we_b
-        if wp.static(need_w_p):
+        if need_w_p:
             w_p_bar[p] = w_p_bar[p] + wp_b
-        if wp.static(need_theta):
+        if need_theta:
             theta_bar[p] = theta_bar[p] + th_b
-        if wp.static(need_m):
+        if need_m:
             m_bar[p] = m_bar[p] + wp.dot(S, v_p) + dx * wp.ddot(A_bar, C_p) + s3[3]
 
     return SimpleNamespace(grid_again=grid_again, g2p_adjoint=g2p_adjoint, grid_adjoint=grid_adjoint, p2g_adjoint=p2g_adjoint)

@@ -63,15 +63,15 @@ def rotations(quats: Tensor) -> Tensor:
 
 
 def density(lattice: Lattice, x: Tensor, quats: Tensor, scales: Tensor, opacities: Tensor) -> Tensor:
-    """d(x) = Σ_g σ_g exp(−½ (x − x_g)ᵀ (Σ_g + h²/12)⁻¹ (x − x_g)) at the cell centres, shape of the lattice, float64.
+    """d(x) = Σ_g σ_g exp(−½ (x − x_g)ᵀ Σ_g⁻¹ (x − x_g)) at the cell centres, shape of the lattice, float64.
 
-    h²/12 is the variance of a point within a cell, so that a Gaussian smaller than a cell still shows in it.
+    Principal variances of Σ_g below h²/12, that of a point somewhere in a cell, are raised to it: smaller ones would fall between the centres.
 
     Args:
         x: centres (G, 3) [m]. quats: (G, 4). scales: standard deviations (G, 3) [m]. opacities: (G,) in [0, 1].
     """
     h = lattice.h
-    var = scales.double() ** 2 + h * h / 12
+    var = (scales.double() ** 2).clamp_min(h * h / 12)
     R = rotations(quats.double())
     inverse = R @ torch.diag_embed(1 / var) @ R.mT
     radius = (REACH * var.amax(1).sqrt() / h).ceil().clamp(1, MAX_RADIUS).long()

@@ -23,8 +23,6 @@ class _Solid:
     lattice: Lattice
     cells: Tensor
     """Cells, shape (N, 3), int64."""
-    vol: Tensor
-    """Volume of matter in each, shape (N,), float64 [m³]."""
     interior: Tensor
     """True where the cell was enclosed and not dense itself, shape (N,)."""
 
@@ -35,8 +33,8 @@ class Sample:
 
     The opaque Gaussians are scaled to metres; a lattice of ``per_cell`` cells a grid cell is laid over them; cells in which their density
     exceeds ``threshold`` are matter, and with ``fill="interior"`` so are the cells they enclose. Each such cell becomes one particle: at
-    the most opaque Gaussian in it, or at a jittered point. A cell counts with its volume, one that touches the outside with half of it,
-    since the surface cuts it in half on average: the volumes add up to that of the body with an error of second order in the cell.
+    the most opaque Gaussian in it, or at a jittered point, with the volume of the cell. Cells are judged by their centres, so the volumes add up
+    to that of the body within the surface d = threshold, which lies one to two standard deviations outside the outermost centres.
     """
 
     VERSION = 1
@@ -92,18 +90,15 @@ class Sample:
         x = scale * g.means.double() + offset
         solid = self._solid(g, x, opaque, keep, scale, motion.size)
         points, carried = self._points(solid, x, opaque, keep)
-        filled = int(solid.interior.sum())
-        work.log(0, particles=len(points), filled=filled, carried=int((carried >= 0).sum()), dropped=len(g) - int(keep.sum()), volume=float(solid.vol.sum()))
-        logger.info(
-            "%d particles %.2g m apart, %d of them inside what the Gaussians enclose; %.3g m³; %d of %d Gaussians left out",
-            len(points), solid.lattice.h, filled, float(solid.vol.sum()), len(g) - int(keep.sum()), len(g),
-        )  # fmt: skip
+        filled, n, h = int(solid.interior.sum()), len(points), solid.lattice.h
+        dropped = len(g) - int(keep.sum())
+        work.log(0, particles=n, filled=filled, carried=int((carried >= 0).sum()), dropped=dropped, volume=n * h**3)
+        logger.info("%d particles %.2g m apart, %d of them enclosed; %.3g m³; %d of %d Gaussians left out", n, h, filled, n * h**3, dropped, len(g))
         if self.fill == "interior" and not filled:
             logger.info("interior fill left out: nothing hollow")
-        device, dtype = gaussians.means.device, torch.float32
-        spacing = (float(solid.vol.sum()) / len(points)) ** (1 / 3)
-        place = tuple(offset.tolist())
-        return Particles(points.to(device, dtype), solid.vol.to(device, dtype), carried.to(device), scale, place, spacing)
+        device = gaussians.means.device
+        vol = torch.full((n,), h**3, dtype=torch.float32, device=device)
+        return Particles(points.to(device, torch.float32), vol, carried.to(device), scale, tuple(offset.tolist()), h)
 
     def _opaque(self, g: Gaussians, opaque: Tensor) -> Tensor:
         finite = torch.isfinite(g.means).all(1) & torch.isfinite(g.log_scales).all(1) & torch.isfinite(g.quats).all(1)
@@ -160,12 +155,9 @@ class Sample:
         home = lattice.cell(x[keep])
         dense[home[:, 0], home[:, 1], home[:, 2]] = True
         free = outside(dense, self.seal) if self.fill == "interior" else ~dense
-        body = ~free
-        cells = body.nonzero()
+        cells = (~free).nonzero()
         i, j, k = cells.unbind(1)
-        rim = (grow(free) & body)[i, j, k]
-        vol = lattice.h**3 * torch.where(rim, 0.5, 1.0).double()
-        return _Solid(lattice, cells, vol, ~dense[i, j, k])
+        return _Solid(lattice, cells, ~dense[i, j, k])
 
     def _points(self, solid: _Solid, x: Tensor, opaque: Tensor, keep: Tensor) -> tuple[Tensor, Tensor]:
         """Position of each particle, and the Gaussian it carries or −1."""

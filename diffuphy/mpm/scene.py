@@ -50,6 +50,9 @@ class Scene:
         object.__setattr__(self, "boundaries", tuple(self.boundaries))
         if len(self.boundaries) > 8:
             raise ValueError(f"at most 8 boundaries, got {len(self.boundaries)}")
+        for b in self.boundaries:
+            if isinstance(b, Sphere) and b.radius < 1.5 * self.dx:
+                raise ValueError(f"a ball of radius {b.radius} m slips between grid nodes {self.dx:.3g} m apart; its radius must be at least 1.5 dx")
 
 
 def _floor(friction: float) -> HalfSpace:
@@ -92,16 +95,16 @@ def _rolling(scene: Scene, size: float, friction: float) -> Scene:
 
 
 def _squashed(scene: Scene, size: float, friction: float) -> Scene:
-    """A plate comes down to half the height within half of the film and is gone then."""
+    """A plate comes down to 0.6 of the longest side within half of the film and is gone then."""
     half = 0.5 * scene.frames / scene.fps
-    speed = 0.5 * size / half
+    speed = 0.4 * size / half
     plate = HalfSpace(point=(0.0, 0.0, size), normal=(0.0, 0.0, -1.0), friction=friction, velocity=(0.0, 0.0, -speed), end=half)
     return dataclasses.replace(scene, lift=0.0, boundaries=(*scene.boundaries, plate))
 
 
 def _poked(scene: Scene, size: float, friction: float) -> Scene:
     """A ball pushes in from the side by a third of the object within half of the film and is gone then."""
-    half, radius = 0.5 * scene.frames / scene.fps, 0.15 * size
+    half, radius = 0.5 * scene.frames / scene.fps, max(0.2 * size, 2.5 * scene.dx)
     finger = Sphere(
         center=(-0.5 * size - radius, 0.0, 0.35 * size), radius=radius, friction=friction, velocity=(size / 3.0 / half, 0.0, 0.0), end=half
     )

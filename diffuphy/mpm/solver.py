@@ -225,7 +225,7 @@ class Solver:
     ) -> Callable[[int, int, int], None]:
         """One substep backwards, as a function of its number and of the rows of its two ends."""
         k, mix = self.kernels, self.mixture
-        adj = make_adjoint(mix, self.walls, self.real, needs)
+        adj = make_adjoint(mix, self.walls, self.real)
         low, n, dx, dt = self._frame(span)
         grid, grid_v, grid_bar = (self._nodal(name, span.grid) for name in ("grid", "grid_v", "grid_bar"))
         a, mat, row, kick = work.arrays, self._matter(matter), self._rows(span), self._kick(span)
@@ -240,7 +240,7 @@ class Solver:
         again = self._record(adj.grid_again, nodes, [grid, row, 0, kick, dx, n, grid_v, grid_bar])
         g2p = self._record(adj.g2p_adjoint, N, [a.X, a.u, He, a.H, a.C, grid_v, low, dx, dt, n, 0, 0, *b, H_bar, grid_bar])
         grid_adjoint = self._record(adj.grid_adjoint, nodes, [grid, row, 0, kick, dx, n, grid_bar])
-        p2g_adjoint = self._record(adj.p2g_adjoint, N, [a.X, a.u, a.v, a.C, a.He, *mat, low, dx, dt, n, 0, grid_bar, *b, *mb])
+        p2g_adjoint = self._record(adj.p2g_adjoint, N, [a.X, a.u, a.v, a.C, a.He, *mat, low, dx, dt, n, 0, grid_bar, *b, *mb, *needs])
 
         def step(s: int, at: int, to: int) -> None:
             _set(p2g, at=at)
