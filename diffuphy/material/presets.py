@@ -156,7 +156,7 @@ PRESETS: dict[str, Preset] = {
         _ductile("plasticine", 3e5, 0.30, 1200.0, 6e3),
         _ductile("clay", 3e5, 0.35, 1600.0, 8e3),
         _ductile("playdoh", 1e5, 0.40, 1100.0, 4e3),
-        # Granular. NCLaw 1e6, 0.2, 25°; PhysGaussian 30°; Genesis 45°. Snow coheres to 3κc = 0.5 kPa: it stands under its
+        # Granular. NCLaw 1e6, 0.2, 25°; PhysGaussian 30°; Genesis 45°. Snow coheres to 3κc = 0.5 kPa: stands under its
         # own weight, crumples on impact and holds together.
         _grains("sand", 1e6, 0.20, 1600.0, 35.0),
         _grains("gravel", 1.5e6, 0.20, 1700.0, 40.0),
