@@ -184,31 +184,25 @@ PRESETS: dict[str, Preset] = {
 
 ALIASES = {
     "ice cream": "icecream",
-    "play-doh": "playdoh",
     "play doh": "playdoh",
     "modelling clay": "plasticine",
     "sponge cake": "cake",
     "jello": "jelly",
-    "gummy": "jelly",
     "fabric": "cloth",
-    "cotton": "plush",
     "liquid": "fluid",
-    "molten": "melted",
     "rock": "stone",
-    "iron": "steel",
     "concrete": "stone",
-    "brick": "stone",
 }
 """Other words for the same materials."""
 
 
 def lookup(word: str) -> Preset:
-    """The preset of a material word, case and surrounding blanks ignored.
+    """The preset of a material word, case, hyphens and surplus blanks ignored.
 
     Raises:
         ValueError: for a word that is not known; the message lists the nearest known ones.
     """
-    key = " ".join(word.lower().split())
+    key = " ".join(word.lower().replace("-", " ").split())
     key = ALIASES.get(key, key)
     if key in PRESETS:
         return PRESETS[key]
