@@ -9,10 +9,12 @@ import hashlib
 import logging
 import os
 import re
+import shlex
 import sys
 import unicodedata
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
@@ -20,6 +22,9 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
 from diffuphy.quoting import protect
+
+if TYPE_CHECKING:
+    from diffuphy.artifact import Done
 
 log = logging.getLogger(__name__)
 
@@ -61,12 +66,25 @@ def film(cfg: DictConfig) -> None:
 
     from diffuphy import pipeline
     from diffuphy.artifact import Store
+    from diffuphy.export import export
 
     cfg.device = device(cfg.device)
     components = instantiate(cfg.stages, _convert_="all")
     store = Store(Path(cfg.store), device=cfg.device)
-    pipeline.run(components, store=store, until=cfg.until, force=list(cfg.force), run_dir=folder)
-    log.info("results: %s", os.path.relpath(folder))
+    done, plan = pipeline.run(components, store=store, until=cfg.until, force=list(cfg.force), run_dir=folder)
+    files = export(folder, done, plan, OmegaConf.to_yaml(cfg, resolve=False))
+    log.info("%s", conclusion(done, files, HydraConfig.get().overrides.task))
+
+
+def conclusion(done: Sequence["Done"], files: dict[str, Path], overrides: Sequence[str]) -> str:
+    """The last words of a run: where the results are, what each stage took, and how to go on."""
+    seconds = ", ".join(f"{d.name} {'cached' if d.cached else f'{d.seconds:.1f}'}" for d in done)
+    command = shlex.join(["python", "train.py", *overrides])
+    lines = [f"{kind:<10}{os.path.relpath(path)}" for kind, path in files.items()]
+    lines += [f"{'seconds':<10}{seconds}", f"{'again':<10}{command}"]
+    if not any(o.startswith("experiment=") for o in overrides):
+        lines.append(f"{'finer':<10}{command} experiment=quality")
+    return "\n" + "\n".join(lines)
 
 
 def device(name: str) -> str:
