@@ -7,7 +7,8 @@ With bars for ∂loss/∂, v_i after contact and P = 1/m_i the scaling of the gr
     grid    v̄_i ← contactᵀ v̄_i,   q̄_i = v̄_i / m_i,   m̄_i = −v̄_i · q_i / m_i²
     p2g     S = Σ_i w_ip q̄_i,  Ā = Σ_i w_ip q̄_i d_ipᵀ:   v̄_p = m_p S,  C̄_p = m_p Ā,  τ̄_p = −Δt V_p (4/Δx²) Ā,
             m̄_p = S·v_p + Ā:C_p + Σ_i w_ip m̄_i,  x̄_p += Σ_i (q̄_i · q_ip + m̄_i m_p) ∂w_ip/∂x_p − Aᵀ S
-            and (τ̄_p, F̄e_p) → H̄_p, w̄, θ̄ by the mixture's own adjoint.                                    d_ip = x_i − x_p
+            and (τ̄_p, F̄e_p) → H̄_p, w̄, θ̄ by the mixture's own adjoint.                                    d_ip =
+            x_i − x_p
 
 A particle's row is written by its own thread alone; only the grid is summed into.
 """
@@ -21,11 +22,13 @@ from diffuphy.mpm.boundary import Signature, make_contact
 from diffuphy.mpm.kernels import cached, make_kernels, make_spline
 
 Needs = tuple[bool, bool, bool, bool]
-"""Which of w_e, w_p, θ, mass need a gradient; the others get no buffer. It is data: one compiled kernel serves all sixteen cases."""
+"""Which of w_e, w_p, θ, mass need a gradient; the others get no buffer. It is data: one compiled kernel serves all
+sixteen cases."""
 
 
 def make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace:
-    """The four kernels of a backward substep: ``grid_again``, ``g2p_adjoint``, ``grid_adjoint``, ``p2g_adjoint``. Cached."""
+    """The four kernels of a backward substep: ``grid_again``, ``g2p_adjoint``, ``grid_adjoint``, ``p2g_adjoint``.
+    Cached."""
     return cached(_make_adjoint, mixture, walls, real)
 
 
@@ -196,7 +199,7 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
             w_p_p = w_p[p]
         F = eye() + He[r]
         theta_p = theta[p]
-        tau, Fe = stress(F, w_e_p, w_p_p, theta_p, dt)
+        tau, _Fe = stress(F, w_e_p, w_p_p, theta_p, dt)
         k4 = real(4.0) * dt * vol[p] * idx
         m_p, v_p, C_p = m[p], v[r], C[r]
         A = (m_p * dx) * C_p - k4 * tau
@@ -245,4 +248,6 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         if need_m:
             m_bar[p] = m_bar[p] + wp.dot(S, v_p) + dx * wp.ddot(A_bar, C_p) + s3[3]
 
-    return SimpleNamespace(grid_again=grid_again, g2p_adjoint=g2p_adjoint, grid_adjoint=grid_adjoint, p2g_adjoint=p2g_adjoint)
+    return SimpleNamespace(
+        grid_again=grid_again, g2p_adjoint=g2p_adjoint, grid_adjoint=grid_adjoint, p2g_adjoint=p2g_adjoint
+    )

@@ -1,6 +1,8 @@
-"""Walls that act on the grid: half-spaces and balls; sticky, slipping or separating, with Coulomb friction, still or moving.
+"""Walls that act on the grid: half-spaces and balls; sticky, slipping or separating, with Coulomb friction, still or
+moving.
 
-A node i with signed distance φ(x_i) ≤ −reach·Δx to the surface belongs to the wall. With the velocity relative to the wall
+A node i with signed distance φ(x_i) ≤ −reach·Δx to the surface belongs to the wall. With the velocity relative to
+the wall
 u = v_i − V, u_n = u·n and u_t = u − u_n n (n points out of the wall, into the material):
 
     sticky      u ← 0
@@ -27,7 +29,8 @@ Kind = Literal["sticky", "slip", "separate"]
 Vec = tuple[float, float, float]
 
 N_WALL = 9
-"""Numbers that describe a wall to a kernel: normal or centre (3), offset or radius, velocity (3), friction, 1 while it acts."""
+"""Numbers that describe a wall to a kernel: normal or centre (3), offset or radius, velocity (3), friction, 1 while
+it acts."""
 
 
 def _vector(name: str, value: Sequence[float]) -> Vec:
@@ -51,7 +54,8 @@ class _Wall:
     end: float = math.inf
     """Time at which it vanishes [s]."""
     reach: float = 0.0
-    """How far behind the surface the governed nodes begin [Δx]. With 0 a body at rest lies on the surface, but an elastic one that falls is
+    """How far behind the surface the governed nodes begin [Δx]. With 0 a body at rest lies on the surface, but an
+    elastic one that falls is
     turned back 0.3 to 0.9 Δx above it, since nodes are felt from 1.5 Δx away; see ``docs/boundaries.md``."""
 
     def __post_init__(self) -> None:
@@ -60,7 +64,10 @@ class _Wall:
         if not 0.0 <= self.friction < math.inf:
             raise ValueError(f"friction must be finite and not negative, got {self.friction}")
         if self.friction > 0 and self.kind != "separate":
-            raise ValueError(f"friction = {self.friction} needs kind='separate', got {self.kind!r}: a sticky wall holds anyway, a slip wall has none")
+            raise ValueError(
+                f"friction = {self.friction} needs kind='separate', got {self.kind!r}: a sticky wall holds anyway, a "
+                "slip wall has none"
+            )
         if not self.start < self.end:
             raise ValueError(f"a wall needs start < end, got start = {self.start}, end = {self.end} s")
         if not self.reach >= 0.0:
@@ -215,9 +222,11 @@ def _make_wall(shape: str, kind: str, rough: bool, real: type) -> tuple[wp.Funct
 
 @lru_cache
 def make_contact(walls: Signature, real: type) -> SimpleNamespace:
-    """Warp functions ``apply(v, r, row, s)`` and ``adjoint(v, r, row, s, v_bar)`` for one list of walls, which act in order.
+    """Warp functions ``apply(v, r, row, s)`` and ``adjoint(v, r, row, s, v_bar)`` for one list of walls, which act
+    in order.
 
-    ``r`` is the node from the lowest node of the grid [m], ``row`` the wall data, ``s`` the row of this step. The adjoint is with
+    ``r`` is the node from the lowest node of the grid [m], ``row`` the wall data, ``s`` the row of this step. The
+    adjoint is with
     respect to the velocity before the walls; walls themselves are data.
     """
     vec3, wall_t = wp.types.vector(3, real), wp.types.vector(N_WALL, real)
@@ -233,7 +242,8 @@ def make_contact(walls: Signature, real: type) -> SimpleNamespace:
 
         return SimpleNamespace(apply=apply, adjoint=adjoint, wall_t=wall_t)
 
-    # One function around the other and no loop over wp.static(walls[b]): what a loop resolves is not part of the hash under which Warp
+    # One function around the other and no loop over wp.static(walls[b]): what a loop resolves is not part of the
+    # hash under which Warp
     # keeps compiled kernels, and two lists of walls of one length would share one kernel.
     before, last = make_contact(walls[:-1], real), len(walls) - 1
     before_apply, before_adjoint = before.apply, before.adjoint

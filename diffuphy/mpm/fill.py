@@ -1,6 +1,7 @@
 """A cloud of Gaussians as a solid on a lattice: density, connected pieces, and what is enclosed.
 
-Everything is a fixed number of array operations a sweep, and every sweep that repeats stops when nothing changes, after at most
+Everything is a fixed number of array operations a sweep, and every sweep that repeats stops when nothing changes,
+after at most
 as many repetitions as there are cells. The same input gives the same answer to the last bit.
 """
 
@@ -32,7 +33,8 @@ class Lattice:
 
     @classmethod
     def around(cls, x: Tensor, h: float, margin: int) -> "Lattice":
-        """The lattice that holds the points ``x`` (N, 3) and ``margin`` empty cells on every side; the points' box lies in its middle."""
+        """The lattice that holds the points ``x`` (N, 3) and ``margin`` empty cells on every side; the points' box
+        lies in its middle."""
         low, high = x.amin(0).double(), x.amax(0).double()
         cells = ((high - low) / h).floor().long() + 1
         corner = (low + high) / 2 - h * cells / 2 - margin * h
@@ -65,7 +67,8 @@ def rotations(quats: Tensor) -> Tensor:
 def density(lattice: Lattice, x: Tensor, quats: Tensor, scales: Tensor, opacities: Tensor) -> Tensor:
     """d(x) = Σ_g σ_g exp(−½ (x − x_g)ᵀ Σ_g⁻¹ (x − x_g)) at the cell centres, shape of the lattice, float64.
 
-    Principal variances of Σ_g below h²/12, that of a point somewhere in a cell, are raised to it: smaller ones would fall between the centres.
+    Principal variances of Σ_g below h²/12, that of a point somewhere in a cell, are raised to it: smaller ones would
+    fall between the centres.
 
     Args:
         x: centres (G, 3) [m]. quats: (G, 4). scales: standard deviations (G, 3) [m]. opacities: (G,) in [0, 1].
@@ -104,7 +107,8 @@ def grow(mask: Tensor, steps: int = 1) -> Tensor:
 
 
 def pieces(mask: Tensor) -> Tensor:
-    """Connected pieces, across faces, edges and corners: each cell of the mask holds the largest number of a cell in its piece, others −1."""
+    """Connected pieces, across faces, edges and corners: each cell of the mask holds the largest number of a cell in
+    its piece, others −1."""
     number = torch.arange(mask.numel(), dtype=torch.float64).reshape(mask.shape)
     label = torch.where(mask, number, -1.0)
     for _ in range(mask.numel()):
@@ -117,9 +121,11 @@ def pieces(mask: Tensor) -> Tensor:
 
 
 def outside(mask: Tensor, seal: int) -> Tensor:
-    """Cells that can be reached from the rim of the lattice without entering the mask or squeezing through a hole in it.
+    """Cells that can be reached from the rim of the lattice without entering the mask or squeezing through a hole in
+    it.
 
-    The walls are made ``seal`` cells thicker while the outside is flooded, which closes holes up to 2 seal cells wide, and the
+    The walls are made ``seal`` cells thicker while the outside is flooded, which closes holes up to 2 seal cells
+    wide, and the
     outside is grown back as much afterwards.
     """
     wall = grow(mask, seal)

@@ -11,7 +11,8 @@ MAX_NODES = 2**31 // 4
 
 @dataclass(frozen=True)
 class Grid:
-    """Nodes x = (origin + i) Δx, i = 0 … shape − 1. The lattice is fixed in space: moving the block changes nothing but rounding."""
+    """Nodes x = (origin + i) Δx, i = 0 … shape − 1. The lattice is fixed in space: moving the block changes nothing
+    but rounding."""
 
     dx: float
     """Node spacing Δx [m]."""
@@ -43,6 +44,7 @@ class Grid:
     def _checked(self) -> "Grid":
         if self.nodes > MAX_NODES:
             raise ValueError(
-                f"the particles span {self.shape} grid cells of {self.dx:.3g} m, more than {MAX_NODES} in all; enlarge dx, or add walls that keep them together"
+                f"the particles span {self.shape} grid cells of {self.dx:.3g} m, more than {MAX_NODES} in all; "
+                "enlarge dx, or add walls that keep them together"
             )
         return self

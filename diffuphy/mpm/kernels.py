@@ -7,8 +7,10 @@
     to the particles  v_p = Σ_i w_ip v_i,   C_p = (4/Δx²) Σ_i w_ip v_i (x_i − x_p)ᵀ,
                       x_p ← x_p + Δt v_p,   H_p ← Fe_p − I + Δt C_p Fe_p
 
-Quadratic B-splines, affine transfer (Jiang et al. 2015) with the moving-least-squares force (Hu et al. 2018, eqs. 16–17), D = Δx²/4.
-A position is kept as X + u with X that of the beginning of the frame, a deformation gradient as H = F − I: increments of
+Quadratic B-splines, affine transfer (Jiang et al. 2015) with the moving-least-squares force (Hu et al. 2018, eqs.
+16–17), D = Δx²/4.
+A position is kept as X + u with X that of the beginning of the frame, a deformation gradient as H = F − I:
+increments of
 one substep are far below the rounding of x and of F in float32, but not below that of u and H.
 """
 
@@ -63,14 +65,18 @@ def make_spline(real: type) -> SimpleNamespace:
 
 
 def make_kernels(mixture: Any, walls: Signature, real: type) -> SimpleNamespace:
-    """The three kernels of a substep: ``p2g``, ``grid_update``, ``g2p``, and their types. Cached; safe to call from several threads."""
+    """The three kernels of a substep: ``p2g``, ``grid_update``, ``g2p``, and their types. Cached; safe to call from
+    several threads."""
     return cached(_make_kernels, mixture, walls, real)
 
 
 def cached(make: Callable[..., SimpleNamespace], mixture: Any, *key: Any) -> SimpleNamespace:
-    """``make(mixture, *key)``, made once for each mixture object, by one thread at a time (Warp builds modules one at a time)."""
+    """``make(mixture, *key)``, made once for each mixture object, by one thread at a time (Warp builds modules one
+    at a time)."""
     with _lock:
-        made = _made.setdefault((make, id(mixture), key), (mixture, None))[1]  # holding the mixture keeps its id its own
+        made = _made.setdefault((make, id(mixture), key), (mixture, None))[
+            1
+        ]  # holding the mixture keeps its id its own
         if made is None:
             made = make(mixture, *key)
             _made[make, id(mixture), key] = (mixture, made)
@@ -104,7 +110,9 @@ def _make_kernels(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         n: wp.vec3i,  # nodes along each axis
         at: wp.int32,  # first row of this state in u, v, C, He
         grid: wp.array[vec4],  # (nodes,) momentum [kg m/s], mass [kg]   out
-        He_out: wp.array[mat33],  # (N,) [-]  elastic deformation gradient minus I, after flow   out, only with plasticity
+        He_out: wp.array[
+            mat33
+        ],  # (N,) [-]  elastic deformation gradient minus I, after flow   out, only with plasticity
         status: wp.array[wp.int32],  # (3,)   out
     ):
         p = wp.tid()
@@ -179,7 +187,9 @@ def _make_kernels(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
     def g2p(
         X: wp.array[vec3],
         u: wp.array[vec3],
-        He: wp.array[mat33],  # [-]  elastic part minus I: with plasticity after flow, one row a particle, else rows as u
+        He: wp.array[
+            mat33
+        ],  # [-]  elastic part minus I: with plasticity after flow, one row a particle, else rows as u
         H: wp.array[mat33],  # (N,) [-]  total deformation gradient minus I, only with plasticity
         grid_v: wp.array[vec4],
         low: vec3,

@@ -2,8 +2,10 @@
 
     n_sub = ⌈T / min( cfl Δx / (c + V),  0.8 Δx / (s c + V) )⌉,      T = 1/fps
 
-c is the fastest wave of the mixture at rest, V bounds the speed of a particle in the frame, s ≥ 1 says how much faster waves run
-in the present stretch. The number depends on the material, so it is found again for every frame; it is not differentiated.
+c is the fastest wave of the mixture at rest, V bounds the speed of a particle in the frame, s ≥ 1 says how much
+faster waves run
+in the present stretch. The number depends on the material, so it is found again for every frame; it is not
+differentiated.
 """
 
 import dataclasses
@@ -15,18 +17,20 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from diffuphy.material import make_mixture, wave_speed
+from diffuphy.material import make_mixture, rate_gate, wave_speed
 from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.kernels import FAST, INVERTED, LEFT
 from diffuphy.mpm.scene import Scene
-from diffuphy.mpm.solver import REAL, Matter, Solver, Span, State
+from diffuphy.mpm.solver import Solver
+from diffuphy.mpm.state import REAL, Matter, Span, State, check, initial_state, make_matter, stretches
 from diffuphy.types import MaterialField, SimulationDiverged, Trajectory
 
 STABLE = 0.8
 """Largest Δt (c + |v|) / Δx of an explicit step that is stable for all laws of the library [-]."""
 
 GROWTHS = 6
-"""How often the block of a frame may be enlarged, each time twice as much, before the particles are taken to have exploded."""
+"""How often the block of a frame may be enlarged, each time twice as much, before the particles are taken to have
+exploded."""
 
 MAX_SUBSTEPS = 10**6
 """Substeps of one frame beyond which a scene is refused: it is stiffer than an explicit step can film."""
@@ -56,7 +60,8 @@ class Frame(torch.autograd.Function):
     @staticmethod
     def forward(
         ctx: Any, solver: Solver, span: Span, segment: int | None, end: State, vol: Tensor,
-        x: Tensor, v: Tensor, C: Tensor, He: Tensor, H: Tensor | None, w_e: Tensor, w_p: Tensor, theta: Tensor, m: Tensor,
+        x: Tensor, v: Tensor, C: Tensor, He: Tensor, H: Tensor | None,
+        w_e: Tensor, w_p: Tensor, theta: Tensor, m: Tensor,
     ) -> tuple[Tensor | None, ...]:  # fmt: skip
         """Hand out ``end``, which the solver made from the other arguments."""
         ctx.solver, ctx.span, ctx.segment = solver, span, segment
@@ -68,7 +73,12 @@ class Frame(torch.autograd.Function):
         *state, w_e, w_p, theta, m, vol = ctx.saved_tensors
         bars = [_bar(t, g) for t, g in zip(state, grads, strict=True)]
         start, matter = ctx.solver.advance_adjoint(
-            State(*state), Matter(w_e, w_p, theta, m, vol), ctx.span, State(*bars), ctx.needs_input_grad[10:14], ctx.segment
+            State(*state),
+            Matter(w_e, w_p, theta, m, vol),
+            ctx.span,
+            State(*bars),
+            ctx.needs_input_grad[10:14],
+            ctx.segment,
         )
         return (None, None, None, None, None, start.x, start.v, start.C, start.He, start.H, *matter)
 
@@ -80,45 +90,16 @@ def _bar(t: Tensor | None, grad: Tensor | None) -> Tensor | None:
     return torch.zeros_like(t) if grad is None else torch.empty_like(t).copy_(grad)
 
 
-def rollout(
-    scene: Scene,
-    x: Tensor,
-    vol: Tensor,
-    field: MaterialField,
-    *,
-    frames: int | None = None,
-    grad: bool = False,
-    state: State | None = None,
-    velocity: Tensor | None = None,
-    dt: float | None = None,
-    segment: int | None = None,
-    report: list[FrameReport] | None = None,
-) -> Trajectory:
-    """Simulate ``frames`` frames; frame 0 of the answer is the initial state.
+def rollout(scene: Scene, x: Tensor, vol: Tensor, field: MaterialField, **options: Any) -> Trajectory:
+    """The film of :func:`simulate`, whose options it takes; frame 0 is the initial state.
 
-    Differentiable in ``x``, ``velocity``, ``field.w_e``, ``field.w_p``, every ``field.theta`` and ``field.rho`` when ``grad`` is set;
-    the gradient is that of the discrete scheme, with the number of substeps and the shift that ``scene.lift`` makes held fixed.
-
-    Args:
-        x: positions at rest, shape (N, 3) [m]; their precision is that of the simulation.
-        vol: rest volumes, shape (N,) [m³].
-        field: laws, weights, parameters and densities of the N particles.
-        frames: number of frames, ``scene.frames`` if None.
-        grad: keep what the backward pass needs: the state at each frame.
-        state: go on from this one instead of from the scene's initial state; ``x`` is then not read.
-        velocity: added to the initial velocity of the scene, shape (N, 3) or (3,) [m/s].
-        dt: pin the substep to at most this [s]; refused if it is unstable.
-        segment: substeps that the backward pass keeps at a time; the gradient does not depend on it.
-        report: a list to which the report of each frame is appended.
-
-    Raises:
-        ValueError: shapes, precisions or values that make no simulation; an unstable ``dt``.
-        SimulationDiverged: a particle with a state that means nothing; the message names it.
+    Differentiable in ``x``, ``velocity``, ``field.w_e``, ``field.w_p``, every ``field.theta`` and ``field.rho`` with
+    ``grad=True``: the gradient is that of the discrete scheme, with the number of substeps and the shift that
+    ``scene.lift`` makes held fixed.
     """
-    states = list(simulate(scene, x, vol, field, frames=frames, grad=grad, state=state, velocity=velocity, dt=dt, segment=segment, report=report))
-    return Trajectory(
-        torch.stack([s.x for s in states]), torch.stack([s.v for s in states]), torch.stack([s.F for s in states]), scene.fps
-    )
+    states = list(simulate(scene, x, vol, field, **options))
+    x, v, F = (torch.stack([getattr(s, name) for s in states]) for name in ("x", "v", "F"))
+    return Trajectory(x, v, F, scene.fps)
 
 
 def simulate(
@@ -132,112 +113,101 @@ def simulate(
     state: State | None = None,
     velocity: Tensor | None = None,
     dt: float | None = None,
+    dt_ref: float | None = None,
     segment: int | None = None,
     report: list[FrameReport] | None = None,
 ) -> Iterator[State]:
-    """The states of :func:`rollout` one after the other, the initial one first; arguments and errors as there."""
+    """The states at the frames of a scene, one after the other, the initial one first.
+
+    Args:
+        x: positions at rest, shape (N, 3) [m]; their precision is that of the simulation.
+        vol: rest volumes, shape (N,) [m³].
+        field: laws, weights, parameters and densities of the N particles.
+        frames: number of frames, ``scene.frames`` if None.
+        grad: keep what the backward pass needs: the state at each frame.
+        state: go on from this one instead of from the scene's initial state; ``x`` is then not read.
+        velocity: added to the initial velocity of the scene, shape (N, 3) or (3,) [m/s].
+        dt: pin the substep to at most this [s]; refused if it is unstable.
+        dt_ref: time over which partial plastic weights are meant [s], see ``material.rate_gate``; None takes them
+            per substep. One-hot weights are the same either way.
+        segment: substeps that the backward pass keeps at a time; the gradient does not depend on it.
+        report: a list to which the report of each frame is appended.
+
+    Raises:
+        ValueError: shapes, precisions or values that make no simulation; an unstable ``dt``.
+        SimulationDiverged: a particle with a state that means nothing; the message names it.
+    """
     check(x, vol, field)
     mixture = make_mixture(tuple(field.elastic), tuple(field.plastic), REAL[x.dtype])
     matter = make_matter(field, vol, mixture.params, x.dtype, grad)
     solver = Solver(mixture, scene.boundaries, scene.gravity, x.dtype, x.device)
-    c = wave_speed(tuple(field.elastic), matter.w_e.detach(), dict(zip(mixture.params, matter.theta.detach().T, strict=True)), matter.m.detach() / matter.vol)
+    c = wave_speed(
+        tuple(field.elastic),
+        matter.w_e.detach(),
+        dict(zip(mixture.params, matter.theta.detach().T, strict=True)),
+        matter.m.detach() / matter.vol,
+    )
     if state is None:
-        state = initial_state(scene, x if grad else x.detach(), matter.m, mixture.is_plastic, velocity if grad or velocity is None else velocity.detach())
+        state = initial_state(
+            scene,
+            x if grad else x.detach(),
+            matter.m,
+            mixture.is_plastic,
+            velocity if grad or velocity is None else velocity.detach(),
+        )
     elif bool((bad := torch.linalg.det(state.He.detach() + torch.eye(3).to(state.He)) <= 0).any()):
-        raise ValueError(f"det F of particle {int(bad.nonzero()[0])} is not positive in the state to go on from; a body cannot be inside out")
+        raise ValueError(
+            f"det F of particle {int(bad.nonzero()[0])} is not positive in the state to go on from; a body cannot be "
+            "inside out"
+        )
     yield state
     for frame in range(scene.frames if frames is None else frames):
         span, speed = _span(scene, state, c, dt)
-        end, span, reruns = _advance(solver, state, matter, span, frame, c)
+        now = matter
+        if dt_ref is not None and mixture.is_plastic:
+            now = dataclasses.replace(matter, w_p=rate_gate(matter.w_p, field.plastic, span.dt, dt_ref).contiguous())
+        end, span, reruns = _advance(solver, state, now, span, frame, c)
         if report is not None:
             report.append(FrameReport(span.n_sub, span.dt, float(c.max()), speed, span.grid, reruns))
-        inputs = (state.x, state.v, state.C, state.He, state.H, matter.w_e, matter.w_p, matter.theta, matter.m)
-        if grad and any(t is not None and t.requires_grad for t in inputs):
-            end = State(*Frame.apply(solver, span, segment, end, matter.vol, *(None if t is None else t.contiguous() for t in inputs)), end.time)
-        state = end
+        state = _node(solver, span, segment, end, state, now) if grad else end
         yield state
 
 
-def check(x: Tensor, vol: Tensor, field: MaterialField) -> None:
-    """Refuse what cannot be simulated.
-
-    Raises:
-        ValueError: naming the field, the first bad row, and what is allowed.
-    """
-    N = x.shape[0]
-    if x.dtype not in REAL:
-        raise ValueError(f"x must be float32 or float64, got {x.dtype}")
-    if N == 0 or x.shape != (N, 3):
-        raise ValueError(f"x must have shape (N, 3) with N > 0, got {tuple(x.shape)}")
-    shapes = {"vol": (vol, (N,)), "rho": (field.rho, (N,)), "w_e": (field.w_e, (N, len(field.elastic))), "w_p": (field.w_p, (N, len(field.plastic)))}
-    shapes |= {f"theta[{k!r}]": (t, (N,)) for k, t in field.theta.items()}
-    for name, (t, shape) in shapes.items():
-        if tuple(t.shape) != shape:
-            raise ValueError(f"{name} must have shape {shape} for {N} particles, got {tuple(t.shape)}")
-    positive = {"vol", "rho"}
-    for name, t in {"x": x, **{k: t for k, (t, _) in shapes.items()}}.items():
-        bad = ~torch.isfinite(t.detach()) if name not in positive else ~(torch.isfinite(t.detach()) & (t.detach() > 0))
-        if bool(bad.any()):
-            row = int(bad.reshape(N, -1).any(1).nonzero()[0])
-            raise ValueError(f"{name} of particle {row} is {t[row].tolist()}; it must be finite{' and positive' if name in positive else ''}")
-
-
-def make_matter(field: MaterialField, vol: Tensor, params: tuple[str, ...], dtype: torch.dtype, grad: bool = True) -> Matter:
-    """The tensors of a field as the kernels read them; still part of the graph if ``grad``."""
-    if missing := [p for p in params if p not in field.theta]:
-        raise ValueError(f"the laws {(*field.elastic, *field.plastic)} need the parameter {missing[0]!r}; theta has {sorted(field.theta)}")
-    theta = torch.stack([field.theta[p].to(dtype) for p in params], 1)
-    vol = vol.detach().to(dtype)
-    parts = [t.to(dtype) if grad else t.detach().to(dtype) for t in (field.w_e, field.w_p, theta, field.rho.to(dtype) * vol)]
-    return Matter(*(t.contiguous() for t in parts), vol.contiguous())
-
-
-def initial_state(scene: Scene, x: Tensor, m: Tensor, plastic: bool, velocity: Tensor | None = None) -> State:
-    """Particles lifted to their height and set in motion: v = V + ω × (x − x_cm), C = [ω]×, F = I."""
-    if scene.lift is not None:
-        up = torch.zeros_like(x[0].detach())
-        up[2] = scene.lift - x.detach()[:, 2].min()
-        x = x + up
-    w = x.new_tensor(scene.spin)
-    center = (m[:, None] * x).sum(0) / m.sum()
-    v = x.new_tensor(scene.velocity) + torch.linalg.cross(w.expand_as(x), x - center)
-    C = x.new_zeros(len(x), 3, 3)
-    C[:] = x.new_tensor([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
-    H = x.new_zeros(len(x), 3, 3)
-    return State(x, v if velocity is None else v + velocity.to(x), C, H, H.clone() if plastic else None)
-
-
-def stretches(H: Tensor) -> tuple[Tensor, Tensor]:
-    """Smallest and largest principal stretch of F = I + H, each of shape (N,): square roots of eigenvalues of FᵀF (Smith 1961)."""
-    A = H + H.mT + H.mT @ H  # FᵀF − I
-    q = A.diagonal(dim1=-2, dim2=-1).mean(-1)
-    B = A - q[:, None, None] * torch.eye(3, dtype=H.dtype, device=H.device)
-    p = ((B * B).sum((-2, -1)) / 6).sqrt()
-    det = (B[:, 0] * torch.linalg.cross(B[:, 1], B[:, 2])).sum(-1)
-    phi = torch.acos((det / (2 * p**3).clamp_min(torch.finfo(H.dtype).tiny)).clamp(-1, 1)) / 3
-    high, low = q + 2 * p * torch.cos(phi), q + 2 * p * torch.cos(phi + 2 * math.pi / 3)
-    return (1 + low).clamp_min(0).sqrt(), (1 + high).clamp_min(0).sqrt()
+def _node(solver: Solver, span: Span, segment: int | None, end: State, start: State, matter: Matter) -> State:
+    """``end`` as a function of ``start`` and ``matter``, if anything there wants a gradient."""
+    parts = (start.x, start.v, start.C, start.He, start.H, matter.w_e, matter.w_p, matter.theta, matter.m)
+    if not any(t is not None and t.requires_grad for t in parts):
+        return end
+    parts = tuple(None if t is None else t.contiguous() for t in parts)
+    return State(*Frame.apply(solver, span, segment, end, matter.vol, *parts), end.time)
 
 
 def _span(scene: Scene, state: State, c: Tensor, dt: float | None) -> tuple[Span, float]:
     """Time step and block of the next frame; and the bound on the speed."""
     T, dx = 1.0 / scene.fps, scene.dx
     x, v, He = state.x.detach(), state.v.detach(), state.He.detach()
-    speed = float(v.norm(dim=1).max()) + math.hypot(*scene.gravity) * T + max((b.speed for b in scene.boundaries), default=0.0)
+    speed = (
+        float(v.norm(dim=1).max())
+        + math.hypot(*scene.gravity) * T
+        + max((b.speed for b in scene.boundaries), default=0.0)
+    )
     low, high = stretches(He)
-    # Waves in space run at c s in extension and c √(1 + |ln s|) in compression, for every elastic law of the library or slower;
+    # Waves in space run at c s in extension and c √(1 + |ln s|) in compression, for every elastic law of the library
+    # or slower;
     # the closed form of s has no digits below 1e-3 in float32, and the root hardly grows there.
     stiff = float((c * torch.maximum(high, (1 - low.clamp(1e-3, 1).log()).sqrt())).max())
     limit = STABLE * dx / (stiff + speed)
     if dt is not None and T / math.ceil(T / dt) > limit:
         raise ValueError(
-            f"dt = {dt:.3g} s is unstable: waves of {stiff:.3g} m/s and particles of up to {speed:.3g} m/s cross more than {STABLE} cells "
+            f"dt = {dt:.3g} s is unstable: waves of {stiff:.3g} m/s and particles of up to {speed:.3g} m/s cross "
+            f"more than {STABLE} cells "
             f"of {dx:.3g} m in it; use at most {limit:.3g} s, or leave dt out"
         )
     step = min(scene.cfl * dx / (float(c.max()) + speed), limit) if dt is None else dt
     if not step > 0 or T / step > MAX_SUBSTEPS:
         raise (ValueError if state.time == 0.0 else SimulationDiverged)(
-            f"the frame at t = {state.time:.4g} s would take {T / step if step > 0 else math.inf:.3g} substeps: waves run at {stiff:.3g} m/s through cells of {dx:.3g} m; "
+            f"the frame at t = {state.time:.4g} s would take {T / step if step > 0 else math.inf:.3g} substeps: "
+            f"waves run at {stiff:.3g} m/s through cells of {dx:.3g} m; "
             "use a softer or denser material, a larger dx, or a higher fps"
         )
     n_sub = math.ceil(T / step)
@@ -248,7 +218,9 @@ def _span(scene: Scene, state: State, c: Tensor, dt: float | None) -> tuple[Span
     return Span(Grid.around(down.tolist(), up.tolist(), dx), state.time, T / n_sub, n_sub), speed
 
 
-def _advance(solver: Solver, state: State, matter: Matter, span: Span, frame: int, c: Tensor) -> tuple[State, Span, int]:
+def _advance(
+    solver: Solver, state: State, matter: Matter, span: Span, frame: int, c: Tensor
+) -> tuple[State, Span, int]:
     """The state after a frame, in a block large enough for it.
 
     Raises:
@@ -275,9 +247,12 @@ def _diverged(what: str, p: int, start: State, end: State, span: Span, frame: in
     v = float(end.v[p].norm())
     cfl = span.dt * (float(c[p]) + (v if math.isfinite(v) else float(start.v[p].norm()))) / span.grid.dx
     raise SimulationDiverged(
-        f"particle {p} {what} in frame {frame} (t = {span.start:.4g} … {span.end:.4g} s): x = {_text(end.x[p])} m, |v| = {v:.3g} m/s, "
-        f"at the start of the frame x = {_text(start.x[p])} m, |v| = {float(start.v[p].norm()):.3g} m/s; Δt = {span.dt:.3g} s, CFL = {cfl:.2f}; "
-        "lower cfl or dx, slow the walls or the object down, or use a material that resists compression (hencky, neo_hookean) or a larger E"
+        f"particle {p} {what} in frame {frame} (t = {span.start:.4g} … {span.end:.4g} s): x = {_text(end.x[p])} m, "
+        f"|v| = {v:.3g} m/s, "
+        f"at the start of the frame x = {_text(start.x[p])} m, |v| = {float(start.v[p].norm()):.3g} m/s; Δt = "
+        f"{span.dt:.3g} s, CFL = {cfl:.2f}; "
+        "lower cfl or dx, slow the walls or the object down, or use a material that resists compression (hencky, "
+        "neo_hookean) or a larger E"
     )
 
 

@@ -1,4 +1,5 @@
-"""From Gaussians to particles: what is opaque and hangs together becomes matter of known volume, one particle a lattice cell."""
+"""From Gaussians to particles: what is opaque and hangs together becomes matter of known volume, one particle a
+lattice cell."""
 
 import dataclasses
 import logging
@@ -31,16 +32,21 @@ class _Solid:
 class Sample:
     """Particles of an object.
 
-    The opaque Gaussians are scaled to metres; a lattice of ``per_cell`` cells a grid cell is laid over them; cells in which their density
-    exceeds ``threshold`` are matter, and with ``fill="interior"`` so are the cells they enclose. Each such cell becomes one particle: at
-    the most opaque Gaussian in it, or at a jittered point, with the volume of the cell. Cells are judged by their centres, so the volumes add up
-    to that of the body within the surface d = threshold, which lies one to two standard deviations outside the outermost centres.
+    The opaque Gaussians are scaled to metres; a lattice of ``per_cell`` cells a grid cell is laid over them; cells
+    in which their density
+    exceeds ``threshold`` are matter, and with ``fill="interior"`` so are the cells they enclose. Each such cell
+    becomes one particle: at
+    the most opaque Gaussian in it, or at a jittered point, with the volume of the cell. Cells are judged by their
+    centres, so the volumes add up
+    to that of the body within the surface d = threshold, which lies one to two standard deviations outside the
+    outermost centres.
     """
 
     VERSION = 1
 
     cells: int = 28
-    """Grid cells along the longest side; the grid spacing that goes with the particles is their spacing · per_cell^⅓."""
+    """Grid cells along the longest side; the grid spacing that goes with the particles is their spacing ·
+    per_cell^⅓."""
     per_cell: int = 8
     """Particles a grid cell: 8 is two along each axis, the usual compromise between noise and cost."""
     opacity: float = 0.3
@@ -63,7 +69,12 @@ class Sample:
     """Seed of the jitter."""
 
     def __post_init__(self) -> None:
-        positive = {"cells": self.cells, "per_cell": self.per_cell, "max_particles": self.max_particles, "threshold": self.threshold}
+        positive = {
+            "cells": self.cells,
+            "per_cell": self.per_cell,
+            "max_particles": self.max_particles,
+            "threshold": self.threshold,
+        }
         for name, value in positive.items():
             if not value > 0:
                 raise ValueError(f"{name} must be positive, got {value}")
@@ -71,7 +82,10 @@ class Sample:
             if not 0.0 <= share <= 1.0:
                 raise ValueError(f"{name} must be in [0, 1], got {share}")
         if self.fill not in ("interior", "none") or self.when_full not in ("coarsen", "error"):
-            raise ValueError(f"fill must be 'interior' or 'none' and when_full 'coarsen' or 'error', got {self.fill!r} and {self.when_full!r}")
+            raise ValueError(
+                f"fill must be 'interior' or 'none' and when_full 'coarsen' or 'error', got {self.fill!r} and "
+                f"{self.when_full!r}"
+            )
         if self.seal < 0:
             raise ValueError(f"seal must not be negative, got {self.seal}")
 
@@ -93,7 +107,15 @@ class Sample:
         filled, n, h = int(solid.interior.sum()), len(points), solid.lattice.h
         dropped = len(g) - int(keep.sum())
         work.log(0, particles=n, filled=filled, carried=int((carried >= 0).sum()), dropped=dropped, volume=n * h**3)
-        logger.info("%d particles %.2g m apart, %d of them enclosed; %.3g m³; %d of %d Gaussians left out", n, h, filled, n * h**3, dropped, len(g))
+        logger.info(
+            "%d particles %.2g m apart, %d of them enclosed; %.3g m³; %d of %d Gaussians left out",
+            n,
+            h,
+            filled,
+            n * h**3,
+            dropped,
+            len(g),
+        )
         if self.fill == "interior" and not filled:
             logger.info("interior fill left out: nothing hollow")
         device = gaussians.means.device
@@ -105,7 +127,10 @@ class Sample:
         keep = finite & (opaque >= self.opacity)
         if not bool(keep.any()):
             most = float(opaque.max()) if len(g) else 0.0
-            raise ValueError(f"none of {len(g)} Gaussians has an opacity of at least {self.opacity} (the largest is {most:.3g}); lower Sample.opacity or fit longer")
+            raise ValueError(
+                f"none of {len(g)} Gaussians has an opacity of at least {self.opacity} (the largest is {most:.3g}); "
+                "lower Sample.opacity or fit longer"
+            )
         return keep
 
     def _placement(self, g: Gaussians, keep: Tensor, size: float) -> tuple[float, Tensor]:
@@ -113,12 +138,16 @@ class Sample:
         low, high = g.means[keep].double().amin(0), g.means[keep].double().amax(0)
         longest = float((high - low).max())
         if not longest > 0.0:
-            raise ValueError(f"the {int(keep.sum())} opaque Gaussians lie in one point {low.tolist()}: an object needs an extent; fit it again")
+            raise ValueError(
+                f"the {int(keep.sum())} opaque Gaussians lie in one point {low.tolist()}: an object needs an extent; "
+                "fit it again"
+            )
         scale = size / longest
         return scale, -scale * (low + high) / 2
 
     def _without_strays(self, g: Gaussians, opaque: Tensor, keep: Tensor) -> Tensor:
-        """Drop small pieces that touch nothing, until none is left; a far one makes the first lattice coarse, hence the repetition."""
+        """Drop small pieces that touch nothing, until none is left; a far one makes the first lattice coarse, hence "
+        "the repetition."""
         for _ in range(8):
             scale, offset = self._placement(g, keep, 1.0)
             x = scale * g.means[keep].double() + offset
@@ -144,14 +173,18 @@ class Sample:
                 return solid
             if self.when_full == "error":
                 raise ValueError(
-                    f"the object takes {len(solid.cells)} particles {h:.3g} m apart, more than {self.max_particles}; raise max_particles, "
+                    f"the object takes {len(solid.cells)} particles {h:.3g} m apart, more than {self.max_particles}; "
+                    "raise max_particles, "
                     "lower cells or per_cell, or set when_full='coarsen'"
                 )
             h *= 1.02 * (len(solid.cells) / self.max_particles) ** (1 / 3)
         raise ValueError(f"no lattice makes {self.max_particles} particles of this object; raise max_particles")
 
     def _matter(self, lattice: Lattice, g: Gaussians, x: Tensor, opaque: Tensor, keep: Tensor, scale: float) -> _Solid:
-        dense = density(lattice, x[keep], g.quats[keep], scale * g.log_scales[keep].double().exp(), opaque[keep]) >= self.threshold
+        dense = (
+            density(lattice, x[keep], g.quats[keep], scale * g.log_scales[keep].double().exp(), opaque[keep])
+            >= self.threshold
+        )
         home = lattice.cell(x[keep])
         dense[home[:, 0], home[:, 1], home[:, 2]] = True
         free = outside(dense, self.seal) if self.fill == "interior" else ~dense
@@ -178,13 +211,16 @@ class Sample:
         return points, carried
 
 
-def coarsen(particles: Particles, *, spacing: float | None = None, n: int | None = None, seed: int = 0) -> tuple[Particles, Tensor]:
+def coarsen(
+    particles: Particles, *, spacing: float | None = None, n: int | None = None, seed: int = 0
+) -> tuple[Particles, Tensor]:
     """Fewer, larger particles of the same body: one for each cell of a coarse lattice, with the volume of all in it.
 
     The one nearest to the centre of volume of its cell is kept, so that every coarse particle is one of the fine ones.
 
     Args:
-        spacing: side of the coarse lattice [m]. n: or at most so many particles; the finest lattice that gives them is sought.
+        spacing: side of the coarse lattice [m].
+        n: or at most so many particles; the finest lattice that gives them is sought.
         seed: of the lattice's phase.
 
     Returns:

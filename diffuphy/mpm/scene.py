@@ -32,7 +32,8 @@ class Scene:
     boundaries: tuple[Boundary, ...] = (HalfSpace(friction=0.5),)
     """Walls; ``HalfSpace`` and ``Sphere``, at most 8."""
     cfl: float = 0.4
-    """Δt (c + |v|) / Δx, the cells that a wave crosses in a substep [-]. Explicit steps are stable to about 0.8; half of it leaves room for
+    """Δt (c + |v|) / Δx, the cells that a wave crosses in a substep [-]. Explicit steps are stable to about 0.8;
+    half of it leaves room for
     stiffening while a body is squeezed."""
 
     def __post_init__(self) -> None:
@@ -52,7 +53,10 @@ class Scene:
             raise ValueError(f"at most 8 boundaries, got {len(self.boundaries)}")
         for b in self.boundaries:
             if isinstance(b, Sphere) and b.radius < 1.5 * self.dx:
-                raise ValueError(f"a ball of radius {b.radius} m slips between grid nodes {self.dx:.3g} m apart; its radius must be at least 1.5 dx")
+                raise ValueError(
+                    f"a ball of radius {b.radius} m slips between grid nodes {self.dx:.3g} m apart; its radius must "
+                    "be at least 1.5 dx"
+                )
 
 
 def _floor(friction: float) -> HalfSpace:
@@ -75,7 +79,9 @@ def _bouncing(scene: Scene, size: float, friction: float) -> Scene:
 def _thrown(scene: Scene, size: float, friction: float) -> Scene:
     """A flat throw with some spin: it lands about three lengths away."""
     pace = math.sqrt(GRAVITY * size)
-    return dataclasses.replace(scene, lift=0.6 * size, velocity=(1.2 * pace, 0.0, 0.8 * pace), spin=(0.0, pace / size, 0.0))
+    return dataclasses.replace(
+        scene, lift=0.6 * size, velocity=(1.2 * pace, 0.0, 0.8 * pace), spin=(0.0, pace / size, 0.0)
+    )
 
 
 def _spinning(scene: Scene, size: float, friction: float) -> Scene:
@@ -85,7 +91,9 @@ def _spinning(scene: Scene, size: float, friction: float) -> Scene:
 
 def _sliding(scene: Scene, size: float, friction: float) -> Scene:
     """Along the floor, with the speed that friction stops after two lengths: v² = 2 μ g · 2 size."""
-    return dataclasses.replace(scene, lift=0.0, velocity=(math.sqrt(4.0 * max(friction, 0.1) * GRAVITY * size), 0.0, 0.0))
+    return dataclasses.replace(
+        scene, lift=0.0, velocity=(math.sqrt(4.0 * max(friction, 0.1) * GRAVITY * size), 0.0, 0.0)
+    )
 
 
 def _rolling(scene: Scene, size: float, friction: float) -> Scene:
@@ -98,7 +106,9 @@ def _squashed(scene: Scene, size: float, friction: float) -> Scene:
     """A plate comes down to 0.6 of the longest side within half of the film and is gone then."""
     half = 0.5 * scene.frames / scene.fps
     speed = 0.4 * size / half
-    plate = HalfSpace(point=(0.0, 0.0, size), normal=(0.0, 0.0, -1.0), friction=friction, velocity=(0.0, 0.0, -speed), end=half)
+    plate = HalfSpace(
+        point=(0.0, 0.0, size), normal=(0.0, 0.0, -1.0), friction=friction, velocity=(0.0, 0.0, -speed), end=half
+    )
     return dataclasses.replace(scene, lift=0.0, boundaries=(*scene.boundaries, plate))
 
 
@@ -106,7 +116,11 @@ def _poked(scene: Scene, size: float, friction: float) -> Scene:
     """A ball pushes in from the side by a third of the object within half of the film and is gone then."""
     half, radius = 0.5 * scene.frames / scene.fps, max(0.2 * size, 2.5 * scene.dx)
     finger = Sphere(
-        center=(-0.5 * size - radius, 0.0, 0.35 * size), radius=radius, friction=friction, velocity=(size / 3.0 / half, 0.0, 0.0), end=half
+        center=(-0.5 * size - radius, 0.0, 0.35 * size),
+        radius=radius,
+        friction=friction,
+        velocity=(size / 3.0 / half, 0.0, 0.0),
+        end=half,
     )
     return dataclasses.replace(scene, lift=0.0, boundaries=(*scene.boundaries, finger))
 
@@ -127,7 +141,15 @@ SCENES: dict[str, Callable[[Scene, float, float], Scene]] = {
 
 
 def scene_for(
-    verb: str, size: float, *, cells: int = 28, dx: float | None = None, frames: int = 60, fps: float = 30.0, friction: float = 0.5, cfl: float = 0.4
+    verb: str,
+    size: float,
+    *,
+    cells: int = 28,
+    dx: float | None = None,
+    frames: int = 60,
+    fps: float = 30.0,
+    friction: float = 0.5,
+    cfl: float = 0.4,
 ) -> Scene:
     """The scene of a motion word, for an object whose longest side is ``size``.
 
@@ -149,6 +171,8 @@ def scene_for(
         raise ValueError(f"size must be positive and finite, got {size} m")
     dx = size / cells if dx is None else dx
     if not size >= 4 * dx:
-        raise ValueError(f"the longest side, {size:.3g} m, must span at least 4 grid cells, got dx = {dx:.3g} m; use smaller cells")
+        raise ValueError(
+            f"the longest side, {size:.3g} m, must span at least 4 grid cells, got dx = {dx:.3g} m; use smaller cells"
+        )
     rest = Scene(dx=dx, frames=frames, fps=fps, boundaries=(_floor(friction),), cfl=cfl)
     return SCENES[verb](rest, size, friction)

@@ -1,11 +1,11 @@
 """One frame forward, one frame backward: the kernels in order, on buffers that belong to one solver.
 
-Several solvers may run in several threads; one solver may not. Nothing here decides a step or a block of nodes: ``rollout`` does.
+Several solvers may run in several threads; one solver may not. Nothing here decides a step or a block of nodes:
+``rollout`` does.
 """
 
 import contextlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -18,74 +18,15 @@ from diffuphy.mpm.adjoint import Needs, make_adjoint
 from diffuphy.mpm.boundary import Boundary, rows, signature
 from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.kernels import make_kernels
-
-REAL = {torch.float32: wp.float32, torch.float64: wp.float64}
-"""Precisions a simulation can run in."""
+from diffuphy.mpm.state import REAL, Matter, Span, State
 
 SEGMENT_BYTES = 2**28
 """Memory the stored substeps of one frame may take in the backward pass before they are cut into segments [byte]."""
 
 
-@dataclass(frozen=True)
-class State:
-    """N particles at one time."""
-
-    x: Tensor
-    """Positions, shape (N, 3) [m]."""
-    v: Tensor
-    """Velocities, shape (N, 3) [m/s]."""
-    C: Tensor
-    """Affine velocities, shape (N, 3, 3) [1/s]."""
-    He: Tensor
-    """Trial elastic deformation gradient minus the identity, shape (N, 3, 3)."""
-    H: Tensor | None
-    """Total deformation gradient minus the identity, shape (N, 3, 3); None when nothing flows: it is ``He`` then."""
-    time: float = 0.0
-    """Time since the beginning [s]."""
-
-    @property
-    def F(self) -> Tensor:
-        """Total deformation gradient, shape (N, 3, 3)."""
-        H = self.He if self.H is None else self.H
-        return H + torch.eye(3, dtype=H.dtype, device=H.device)
-
-
-@dataclass(frozen=True)
-class Matter:
-    """What does not change during a rollout; contiguous tensors of one precision on one device."""
-
-    w_e: Tensor
-    """Elastic weights, shape (N, Ke)."""
-    w_p: Tensor
-    """Plastic weights, shape (N, Kp)."""
-    theta: Tensor
-    """Parameters in the order of ``mixture.params``, shape (N, P), SI."""
-    m: Tensor
-    """Masses, shape (N,) [kg]."""
-    vol: Tensor
-    """Rest volumes, shape (N,) [m³]."""
-
-
-@dataclass(frozen=True)
-class Span:
-    """The time and the block of nodes of one frame."""
-
-    grid: Grid
-    start: float
-    """Time at the beginning [s]."""
-    dt: float
-    """Length of a substep Δt [s]."""
-    n_sub: int
-    """Number of substeps."""
-
-    @property
-    def end(self) -> float:
-        """Time at the end [s]."""
-        return self.start + self.n_sub * self.dt
-
-
 class _Rows:
-    """``slots`` copies of the state of a frame below each other: row s N + p is particle p after s substeps; u counts from the first."""
+    """``slots`` copies of the state of a frame below each other: row s N + p is particle p after s substeps; u
+    counts from the first."""
 
     def __init__(self, solver: "Solver", state: State, slots: int):
         self.n = state.x.shape[0]
@@ -99,7 +40,14 @@ class _Rows:
         self.v, self.C, self.He = rows_of(state.v), rows_of(state.C), rows_of(state.He)
         self.H = None if state.H is None else rows_of(state.H)
         k, X = solver.kernels, state.x.detach().contiguous()
-        types = {"X": (X, k.vec3), "u": (self.u, k.vec3), "v": (self.v, k.vec3), "C": (self.C, k.mat33), "He": (self.He, k.mat33), "H": (self.H, k.mat33)}
+        types = {
+            "X": (X, k.vec3),
+            "u": (self.u, k.vec3),
+            "v": (self.v, k.vec3),
+            "C": (self.C, k.mat33),
+            "He": (self.He, k.mat33),
+            "H": (self.H, k.mat33),
+        }
         self.arrays = SimpleNamespace(**{name: solver._array(t, d) for name, (t, d) in types.items()})
 
     def _parts(self) -> list[Tensor]:
@@ -126,9 +74,18 @@ class Solver:
         device: where the tensors are.
     """
 
-    def __init__(self, mixture: Any, boundaries: Sequence[Boundary], gravity: Sequence[float], dtype: torch.dtype, device: torch.device | str):
+    def __init__(
+        self,
+        mixture: Any,
+        boundaries: Sequence[Boundary],
+        gravity: Sequence[float],
+        dtype: torch.dtype,
+        device: torch.device | str,
+    ):
         if dtype not in REAL:
-            raise ValueError(f"a simulation runs in torch.float32 or torch.float64, got {dtype}; convert the particles first")
+            raise ValueError(
+                f"a simulation runs in torch.float32 or torch.float64, got {dtype}; convert the particles first"
+            )
         wp.init()
         self.mixture, self.boundaries, self.gravity = mixture, tuple(boundaries), tuple(float(g) for g in gravity)
         self.dtype, self.device, self.real = dtype, torch.device(device), REAL[dtype]
@@ -139,16 +96,19 @@ class Solver:
 
     # ------------------------------------------------------------------ forward
     def advance(self, state: State, matter: Matter, span: Span) -> tuple[State, list[int]]:
-        """The state after ``span``, and for each of LEFT, INVERTED, FAST one more than the index of a particle that did so (0: none)."""
+        """The state after ``span``, and for each of LEFT, INVERTED, FAST one more than the index of a particle that
+        did so (0: none)."""
         with self._stream():
             work = _Rows(self, state, slots=1)
             status = torch.zeros(3, dtype=torch.int32, device=self.device)
             for substep in self._forward(work, matter, span, status):
                 substep(0, 0)
-            end = State(state.x + work.u, work.v, work.C, work.He, work.H, span.end)
+            end = State(state.x.detach() + work.u, work.v, work.C, work.He, work.H, span.end)
             return end, status.tolist()
 
-    def _forward(self, work: "_Rows", matter: Matter, span: Span, status: Tensor, flowed: Tensor | None = None) -> list[Callable[[int, int], None]]:
+    def _forward(
+        self, work: "_Rows", matter: Matter, span: Span, status: Tensor, flowed: Tensor | None = None
+    ) -> list[Callable[[int, int], None]]:
         """The substeps of ``span`` as functions of the rows to read and to write."""
         k, plastic = self.kernels, self.mixture.is_plastic
         low, n, dx, dt = self._frame(span)
@@ -157,7 +117,9 @@ class Solver:
         He_out = a.He if flowed is None else self._array(flowed, k.mat33)
         st = wp.from_torch(status)
         p2g = self._record(k.p2g, work.n, [a.X, a.u, a.v, a.C, a.He, *mat, low, dx, dt, n, 0, grid, He_out, st])
-        grid_update = self._record(k.grid_update, span.grid.nodes, [grid, self._rows(span), 0, self._kick(span), dx, n, grid_v])
+        grid_update = self._record(
+            k.grid_update, span.grid.nodes, [grid, self._rows(span), 0, self._kick(span), dx, n, grid_v]
+        )
         g2p = self._record(
             k.g2p, work.n,
             [a.X, a.u, He_out if plastic else a.He, a.H, grid_v, low, dx, dt, n, 0, 0, a.u, a.v, a.C, a.He, a.H, st],
@@ -179,9 +141,11 @@ class Solver:
     def advance_adjoint(
         self, state: State, matter: Matter, span: Span, bars: State, needs: Needs, segment: int | None = None
     ) -> tuple[State, tuple[Tensor | None, Tensor | None, Tensor | None, Tensor | None]]:
-        """Gradients with respect to ``state`` and to (w_e, w_p, θ, m), given those with respect to the state after ``span``.
+        """Gradients with respect to ``state`` and to (w_e, w_p, θ, m), given those with respect to the state after
+        ``span``.
 
-        Substeps are run again from ``state``, ``segment`` at a time, so that at most n_sub/segment + segment states are in memory;
+        Substeps are run again from ``state``, ``segment`` at a time, so that at most n_sub/segment + segment states
+        are in memory;
         the result does not depend on it. By default all at once if that takes less than SEGMENT_BYTES.
 
         Args:
@@ -204,7 +168,10 @@ class Solver:
                 saved.append(work.take(0))
                 self._replay(substeps[s : s + segment], work.n)
                 work.put(work.take(segment))
-            matter_bars = tuple(torch.zeros_like(t) if need else None for t, need in zip((matter.w_e, matter.w_p, matter.theta, matter.m), needs, strict=True))
+            matter_bars = tuple(
+                torch.zeros_like(t) if need else None
+                for t, need in zip((matter.w_e, matter.w_p, matter.theta, matter.m), needs, strict=True)
+            )
             back = self._backward(work, matter, span, bars, needs, matter_bars, flowed)
             for s in reversed(starts):
                 if s != starts[-1]:
@@ -221,7 +188,14 @@ class Solver:
             substep(i * n, (i + 1) * n)
 
     def _backward(
-        self, work: "_Rows", matter: Matter, span: Span, bars: State, needs: Needs, matter_bars: tuple[Tensor | None, ...], flowed: Tensor | None
+        self,
+        work: "_Rows",
+        matter: Matter,
+        span: Span,
+        bars: State,
+        needs: Needs,
+        matter_bars: tuple[Tensor | None, ...],
+        flowed: Tensor | None,
     ) -> Callable[[int, int, int], None]:
         """One substep backwards, as a function of its number and of the rows of its two ends."""
         k, mix = self.kernels, self.mixture
@@ -232,15 +206,26 @@ class Solver:
         He = a.He if flowed is None else self._array(flowed, k.mat33)
         scratch = self._array(flowed, k.mat33) if flowed is not None else a.He
         status = wp.zeros(3, dtype=wp.int32, device=str(self.device))
-        b = [self._array(bars.x, k.vec3), self._array(bars.v, k.vec3), self._array(bars.C, k.mat33), self._array(bars.He, k.mat33)]
+        b = [
+            self._array(bars.x, k.vec3),
+            self._array(bars.v, k.vec3),
+            self._array(bars.C, k.mat33),
+            self._array(bars.He, k.mat33),
+        ]
         H_bar = self._array(bars.H, k.mat33)
-        mb = [self._array(t, d) for t, d in zip(matter_bars, (mix.w_e_t, mix.w_p_t, mix.theta_t, self.real), strict=True)]
+        mb = [
+            self._array(t, d) for t, d in zip(matter_bars, (mix.w_e_t, mix.w_p_t, mix.theta_t, self.real), strict=True)
+        ]
         N, nodes = work.n, span.grid.nodes
         p2g = self._record(k.p2g, N, [a.X, a.u, a.v, a.C, a.He, *mat, low, dx, dt, n, 0, grid, scratch, status])
         again = self._record(adj.grid_again, nodes, [grid, row, 0, kick, dx, n, grid_v, grid_bar])
-        g2p = self._record(adj.g2p_adjoint, N, [a.X, a.u, He, a.H, a.C, grid_v, low, dx, dt, n, 0, 0, *b, H_bar, grid_bar])
+        g2p = self._record(
+            adj.g2p_adjoint, N, [a.X, a.u, He, a.H, a.C, grid_v, low, dx, dt, n, 0, 0, *b, H_bar, grid_bar]
+        )
         grid_adjoint = self._record(adj.grid_adjoint, nodes, [grid, row, 0, kick, dx, n, grid_bar])
-        p2g_adjoint = self._record(adj.p2g_adjoint, N, [a.X, a.u, a.v, a.C, a.He, *mat, low, dx, dt, n, 0, grid_bar, *b, *mb, *needs])
+        p2g_adjoint = self._record(
+            adj.p2g_adjoint, N, [a.X, a.u, a.v, a.C, a.He, *mat, low, dx, dt, n, 0, grid_bar, *b, *mb, *needs]
+        )
 
         def step(s: int, at: int, to: int) -> None:
             _set(p2g, at=at)
@@ -266,20 +251,32 @@ class Solver:
         """Wall data of every substep; one row when all walls stand still."""
         times = span.start + span.dt * np.arange(1 if self._still else span.n_sub)
         data = rows(self.boundaries, span.grid, times)
-        return wp.array(data, dtype=self.kernels.wall_t, device=str(self.device)) if self.walls else wp.zeros((1, 0), dtype=self.kernels.wall_t, device=str(self.device))
+        return (
+            wp.array(data, dtype=self.kernels.wall_t, device=str(self.device))
+            if self.walls
+            else wp.zeros((1, 0), dtype=self.kernels.wall_t, device=str(self.device))
+        )
 
     def _nodal(self, name: str, grid: Grid) -> wp.array:
         """Four numbers a node, zero at first; kept between frames and made larger when a block needs it."""
         kept = self._nodes.get(name)
         if kept is None or kept.shape[0] < grid.nodes:
-            self._nodes[name] = kept = torch.zeros((grid.nodes + grid.nodes // 4, 4), dtype=self.dtype, device=self.device)
+            self._nodes[name] = kept = torch.zeros(
+                (grid.nodes + grid.nodes // 4, 4), dtype=self.dtype, device=self.device
+            )
         if name == "grid":
             kept[: grid.nodes].zero_()
         return self._array(kept, self.kernels.vec4)
 
     def _matter(self, matter: Matter) -> list[wp.array]:
         mix = self.mixture
-        pairs = ((matter.w_e, mix.w_e_t), (matter.w_p, mix.w_p_t), (matter.theta, mix.theta_t), (matter.m, self.real), (matter.vol, self.real))
+        pairs = (
+            (matter.w_e, mix.w_e_t),
+            (matter.w_p, mix.w_p_t),
+            (matter.theta, mix.theta_t),
+            (matter.m, self.real),
+            (matter.vol, self.real),
+        )
         return [self._array(t, d) for t, d in pairs]
 
     def _array(self, t: Tensor | None, dtype: Any) -> wp.array:

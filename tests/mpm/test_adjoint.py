@@ -1,13 +1,14 @@
-"""Gradients of whole frames against central differences, exact adjoint identities, and independence of how they are computed."""
+"""Gradients of whole frames against central differences, exact adjoint identities, and independence of how they are
+computed."""
 
 import dataclasses
 
 import pytest
 import torch
-from tests.mpm.bodies import block, field
 
 from diffuphy.mpm import HalfSpace, Scene, Sphere, rollout, simulate
 from diffuphy.types import MaterialField
+from tests.mpm.bodies import block, field
 
 DX = 0.1
 WALLS = (
@@ -16,7 +17,16 @@ WALLS = (
     HalfSpace(point=(0.12, 0.0, 0.0), normal=(1.0, 0.0, 0.2), kind="slip", start=0.002),
     HalfSpace(point=(0.0, 0.42, 0.0), normal=(0.0, -1.0, 0.0), kind="sticky", end=0.006),
 )
-SCENE = Scene(gravity=(0.0, 0.3, -9.81), dx=DX, fps=120.0, frames=2, boundaries=WALLS, lift=None, velocity=(0.2, 0.1, -1.5), spin=(1.0, 2.0, -1.0))
+SCENE = Scene(
+    gravity=(0.0, 0.3, -9.81),
+    dx=DX,
+    fps=120.0,
+    frames=2,
+    boundaries=WALLS,
+    lift=None,
+    velocity=(0.2, 0.1, -1.5),
+    spin=(1.0, 2.0, -1.0),
+)
 LAWS = {
     "elastic": (("neo_hookean",), ("identity",)),
     "mixture": (("neo_hookean", "hencky"), ("identity", "von_mises", "drucker_prager")),
@@ -30,7 +40,9 @@ def problem(laws: str):
     x = x + 0.01 * torch.rand_like(x)
     f = field(len(x), *LAWS[laws], E=2e4, yield_stress=300.0, cohesion=0.002)
     uneven = lambda t: t * (1 + 0.2 * torch.rand_like(t))  # noqa: E731
-    inputs = {"x": x, "velocity": 0.2 * torch.randn_like(x), "rho": uneven(f.rho)} | {k: uneven(f.theta[k]) for k in ("E", "nu")}
+    inputs = {"x": x, "velocity": 0.2 * torch.randn_like(x), "rho": uneven(f.rho)} | {
+        k: uneven(f.theta[k]) for k in ("E", "nu")
+    }
     if laws == "mixture":
         inputs |= {k: uneven(f.theta[k]) for k in ("yield_stress", "friction_angle", "cohesion")}
         inputs |= {k: torch.softmax(torch.randn_like(w), 1) for k, w in (("w_e", f.w_e), ("w_p", f.w_p))}
@@ -47,7 +59,10 @@ def run(inputs: dict[str, torch.Tensor], vol: torch.Tensor, f: MaterialField, sc
 def loss(out, seed: int = 0) -> torch.Tensor:
     """A random linear functional of every frame."""
     g = torch.Generator().manual_seed(seed)
-    return sum((torch.randn(t.shape, generator=g, dtype=torch.float64).to(t.dtype) * t).sum() for t in (out.x, 0.3 * out.v, 0.3 * out.F))
+    return sum(
+        (torch.randn(t.shape, generator=g, dtype=torch.float64).to(t.dtype) * t).sum()
+        for t in (out.x, 0.3 * out.v, 0.3 * out.F)
+    )
 
 
 def gradients(inputs, vol, f, **options) -> dict[str, torch.Tensor]:
@@ -58,7 +73,8 @@ def gradients(inputs, vol, f, **options) -> dict[str, torch.Tensor]:
 
 @pytest.mark.parametrize("laws", list(LAWS))
 def test_gradients_are_those_of_central_differences(laws):
-    """⟨∇L, δ⟩ = (L(θ + hδ) − L(θ − hδ)) / 2h for every input, through contact, friction and flow: two frames, float64."""
+    """⟨∇L, δ⟩ = (L(θ + hδ) − L(θ − hδ)) / 2h for every input, through contact, friction and flow: two frames,
+    float64."""
     inputs, vol, f = problem(laws)
     exact = gradients(inputs, vol, f)
     for name, value in inputs.items():
@@ -94,7 +110,8 @@ def test_only_what_requires_a_gradient_gets_one():
 
 
 def test_momentum_is_adjoint_to_velocity_and_to_nothing_else():
-    """P = Σ m v: ∂(P·a)/∂v0_p = m_p a; ∂P/∂E = ∂P/∂x0 = 0, over 100 substeps of a vibrating body in flight (exact, no differences)."""
+    """P = Σ m v: ∂(P·a)/∂v0_p = m_p a; ∂P/∂E = ∂P/∂x0 = 0, over 100 substeps of a vibrating body in flight (exact,
+    no differences)."""
     x, vol = block((2, 2, 2), DX, (0.113, 0.021, 0.337))
     scene = Scene(dx=DX, fps=40.0, frames=4, boundaries=(), lift=None)
     f = field(len(x))
@@ -124,14 +141,19 @@ def test_angular_momentum_is_adjoint_to_velocity():
     spin = torch.stack([C[:, 2, 1] - C[:, 1, 2], C[:, 0, 2] - C[:, 2, 0], C[:, 1, 0] - C[:, 0, 1]], 1)
     L = (m[:, None] * (torch.linalg.cross(end.x, end.v) + DX**2 / 4 * spin) * a).sum()
     (v_bar,) = torch.autograd.grad(L, [v])
-    torch.testing.assert_close(v_bar, m[:, None] * torch.linalg.cross(a.expand_as(x), x), rtol=1e-10, atol=1e-12 * float(m.max()))
+    torch.testing.assert_close(
+        v_bar, m[:, None] * torch.linalg.cross(a.expand_as(x), x), rtol=1e-10, atol=1e-12 * float(m.max())
+    )
 
 
 def test_float32_gradients_agree_with_float64():
-    """Before contact to 1e-3 after 17 substeps: F = I + H rounds strains of 1e-2 to 1e-5 of themselves, and some digits cancel."""
+    """Before contact to 1e-3 after 17 substeps: F = I + H rounds strains of 1e-2 to 1e-5 of themselves, and some
+    digits cancel."""
     inputs, vol, f = problem("elastic")
     free = dataclasses.replace(SCENE, boundaries=())
     double = gradients(inputs, vol, f, scene=free)
-    single = gradients({k: t.float() for k, t in inputs.items()}, vol.float(), field(len(vol), E=2e4, dtype=torch.float32), scene=free)
+    single = gradients(
+        {k: t.float() for k, t in inputs.items()}, vol.float(), field(len(vol), E=2e4, dtype=torch.float32), scene=free
+    )
     for k, g in double.items():
         assert float((single[k].double() - g).norm() / g.norm()) < 1e-3, k

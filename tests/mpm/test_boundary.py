@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from tests.mpm.bodies import block, field, rotation
 
 from diffuphy.mpm import Grid, HalfSpace, Scene, Sphere, rollout, simulate
 from diffuphy.mpm.boundary import rows
+from tests.mpm.bodies import block, field, rotation
 
 DX = 0.04
 G = 9.81
@@ -18,7 +18,8 @@ T = 0.3
 
 
 def slide(angle: float, mu: float, *, tilt_plane: bool, v0: float = 0.0) -> float:
-    """Distance along the plane that a cube of 5³ cells travels in T, and the direction of gravity or the plane is tilted."""
+    """Distance along the plane that a cube of 5³ cells travels in T, and the direction of gravity or the plane is
+    tilted."""
     x, vol = block((5, 5, 5), DX)
     along, up = (math.cos(angle), 0.0, -math.sin(angle)), (math.sin(angle), 0.0, math.cos(angle))
     wall = HalfSpace(friction=mu, normal=up if tilt_plane else (0.0, 0.0, 1.0))
@@ -26,7 +27,15 @@ def slide(angle: float, mu: float, *, tilt_plane: bool, v0: float = 0.0) -> floa
     direction = x.new_tensor(along if tilt_plane else (1.0, 0.0, 0.0))
     if tilt_plane:
         x = x @ rotation((0.0, 1.0, 0.0), angle).T
-    scene = Scene(gravity=gravity, dx=DX, fps=20.0, frames=round(20 * T), boundaries=(wall,), lift=None, velocity=tuple((v0 * direction).tolist()))
+    scene = Scene(
+        gravity=gravity,
+        dx=DX,
+        fps=20.0,
+        frames=round(20 * T),
+        boundaries=(wall,),
+        lift=None,
+        velocity=tuple((v0 * direction).tolist()),
+    )
     out = rollout(scene, x, vol, field(len(x), E=1e6))
     return float(((out.x[-1] - out.x[0]) @ direction).mean())
 
@@ -36,7 +45,8 @@ def test_a_block_slides_with_coulombs_deceleration(tilt_plane):
     """a = g (sin θ − μ cos θ), d = a T²/2 at θ = 35°, μ = 0.3."""
     angle = math.radians(35)
     a = G * (math.sin(angle) - 0.3 * math.cos(angle))
-    # a Δt/2-late Euler sum adds a T Δt/2 = 0.2 %; a plane that cuts the cells leaves the block off its face by part of a cell
+    # a Δt/2-late Euler sum adds a T Δt/2 = 0.2 %; a plane that cuts the cells leaves the block off its face by part
+    # of a cell
     assert slide(angle, 0.3, tilt_plane=tilt_plane) == pytest.approx(a * T * T / 2, rel=0.03 if tilt_plane else 0.015)
 
 
@@ -53,7 +63,15 @@ def test_friction_stops_a_block_on_the_level():
 def test_a_slip_wall_keeps_tangential_velocity_exactly():
     """Bilateral: a block sliding along it in free flight keeps v_x and never leaves."""
     x, vol = block((3, 3, 3), DX)
-    scene = Scene(gravity=(0.0, 0.0, 0.0), dx=DX, fps=20.0, frames=4, boundaries=(HalfSpace(kind="slip"),), lift=None, velocity=(0.7, 0.2, 0.0))
+    scene = Scene(
+        gravity=(0.0, 0.0, 0.0),
+        dx=DX,
+        fps=20.0,
+        frames=4,
+        boundaries=(HalfSpace(kind="slip"),),
+        lift=None,
+        velocity=(0.7, 0.2, 0.0),
+    )
     out = rollout(scene, x, vol, field(len(x)))
     torch.testing.assert_close(out.v[-1], x.new_tensor([0.7, 0.2, 0.0]).expand_as(x), rtol=0, atol=1e-12)
 
@@ -62,7 +80,15 @@ def test_a_slip_wall_keeps_tangential_velocity_exactly():
 def test_only_a_separating_wall_lets_go(kind, leaves):
     """A block that starts upwards from the wall flies off with its speed, or is held back."""
     x, vol = block((3, 3, 3), DX)
-    scene = Scene(gravity=(0.0, 0.0, 0.0), dx=DX, fps=20.0, frames=4, boundaries=(HalfSpace(kind=kind),), lift=None, velocity=(0.0, 0.0, 0.5))
+    scene = Scene(
+        gravity=(0.0, 0.0, 0.0),
+        dx=DX,
+        fps=20.0,
+        frames=4,
+        boundaries=(HalfSpace(kind=kind),),
+        lift=None,
+        velocity=(0.0, 0.0, 0.5),
+    )
     out = rollout(scene, x, vol, field(len(x), E=1e5))
     rise = float((out.x[-1] - x)[:, 2].mean())
     if leaves:
@@ -76,7 +102,9 @@ def test_a_sticky_wall_carries_a_block_at_its_own_speed():
     """A wall of V = (0.5, 0, 0) m/s and the block on it move as one, whatever their common speed."""
     x, vol = block((3, 3, 3), DX)
     wall = HalfSpace(kind="sticky", velocity=(0.5, 0.0, 0.0))
-    scene = Scene(gravity=(0.0, 0.0, 0.0), dx=DX, fps=20.0, frames=3, boundaries=(wall,), lift=None, velocity=(0.5, 0.0, 0.0))
+    scene = Scene(
+        gravity=(0.0, 0.0, 0.0), dx=DX, fps=20.0, frames=3, boundaries=(wall,), lift=None, velocity=(0.5, 0.0, 0.0)
+    )
     out = rollout(scene, x, vol, field(len(x)))
     torch.testing.assert_close(out.v[-1], out.v[0], rtol=0, atol=1e-12)
 
@@ -84,14 +112,22 @@ def test_a_sticky_wall_carries_a_block_at_its_own_speed():
 def test_a_moving_floor_drags_by_friction():
     """a = μ g until the block has the speed of the floor: v = μ g T with μ = 0.2, V = 2 m/s."""
     x, vol = block((5, 5, 5), DX)
-    scene = Scene(gravity=(0.0, 0.0, -G), dx=DX, fps=20.0, frames=4, lift=None, boundaries=(HalfSpace(friction=0.2, velocity=(2.0, 0.0, 0.0)),))
+    scene = Scene(
+        gravity=(0.0, 0.0, -G),
+        dx=DX,
+        fps=20.0,
+        frames=4,
+        lift=None,
+        boundaries=(HalfSpace(friction=0.2, velocity=(2.0, 0.0, 0.0)),),
+    )
     out = rollout(scene, x, vol, field(len(x), E=1e6))
     # sudden weight makes the block ring on the wall; the impulse over whole periods is that of its weight
     assert float(out.v[-1][:, 0].mean()) == pytest.approx(0.2 * G * 0.2, rel=0.03)
 
 
 def test_a_press_squeezes_and_is_gone_at_its_end():
-    """The nodes behind the plate have its speed, so no particle gets further behind it than half a cell; later the body is free."""
+    """The nodes behind the plate have its speed, so no particle gets further behind it than half a cell; later the
+    body is free."""
     x, vol = block((4, 4, 4), DX)
     height, speed, end = 4 * DX, 0.4, 0.15
     press = HalfSpace(point=(0.0, 0.0, height), normal=(0.0, 0.0, -1.0), velocity=(0.0, 0.0, -speed), end=end)
@@ -116,9 +152,12 @@ def test_a_ball_pushes_particles_out_of_its_way():
 
 
 def test_walls_as_data_follow_time_and_block():
-    """Row of step s: the plane n·r = d and the ball's centre, measured from the lowest node; the last number says whether it acts."""
+    """Row of step s: the plane n·r = d and the ball's centre, measured from the lowest node; the last number says
+    whether it acts."""
     grid = Grid(0.5, (-2, 0, 2), (4, 4, 4))
-    plane = HalfSpace(point=(0.0, 0.0, 3.0), normal=(0.0, 0.0, -2.0), velocity=(0.0, 0.0, -1.0), start=1.0, end=2.0, reach=0.5)
+    plane = HalfSpace(
+        point=(0.0, 0.0, 3.0), normal=(0.0, 0.0, -2.0), velocity=(0.0, 0.0, -1.0), start=1.0, end=2.0, reach=0.5
+    )
     ball = Sphere(center=(1.0, 1.0, 1.0), radius=0.4, velocity=(0.0, 2.0, 0.0))
     data = rows((plane, ball), grid, np.array([0.5, 1.5, 2.0]))
     assert data[:, 0, 8].tolist() == [0.0, 1.0, 0.0] and data[:, 1, 8].tolist() == [1.0, 1.0, 1.0]
@@ -136,8 +175,10 @@ def test_a_scene_without_walls_has_no_wall_code_and_lists_of_walls_have_their_ow
 
     wp.init()
     mixture = make_mixture(("neo_hookean",), ("identity",), wp.float64)
-    lists = [(), (HalfSpace(),), (HalfSpace(friction=0.1),), (HalfSpace(kind="slip"),), (HalfSpace(kind="sticky"),), (Sphere(),),
-             (HalfSpace(), Sphere()), (Sphere(), HalfSpace()), (HalfSpace(), HalfSpace()), (HalfSpace(), HalfSpace(kind="slip"))]  # fmt: skip
+    floor, ball = HalfSpace(), Sphere()
+    single = [HalfSpace(friction=0.1), HalfSpace(kind="slip"), HalfSpace(kind="sticky"), floor, ball]
+    pairs = [(floor, ball), (ball, floor), (floor, floor), (floor, HalfSpace(kind="slip"))]
+    lists = [(), *((wall,) for wall in single), *pairs]
     kernels = [make_kernels(mixture, signature(walls), wp.float64) for walls in lists]
     hashes = [k.grid_update.module.get_module_hash() for k in kernels]
     assert len(set(hashes)) == len(hashes)
@@ -152,10 +193,16 @@ def test_a_scene_without_walls_has_no_wall_code_and_lists_of_walls_have_their_ow
 @pytest.mark.parametrize(
     "wrong",
     [
-        dict(kind="bouncy"), dict(friction=-0.1), dict(kind="slip", friction=0.1), dict(start=2.0, end=1.0), dict(reach=-1.0),
-        dict(normal=(0.0, 0.0, 0.0)), dict(point=(0.0, math.nan, 0.0)), dict(velocity=(1.0, 2.0)),
+        dict(kind="bouncy"),
+        dict(friction=-0.1),
+        dict(kind="slip", friction=0.1),
+        dict(start=2.0, end=1.0),
+        dict(reach=-1.0),
+        dict(normal=(0.0, 0.0, 0.0)),
+        dict(point=(0.0, math.nan, 0.0)),
+        dict(velocity=(1.0, 2.0)),
     ],
-)  # fmt: skip
+)
 def test_walls_that_cannot_be_are_refused(wrong):
     with pytest.raises(ValueError):
         HalfSpace(**wrong)
@@ -171,7 +218,9 @@ def test_unused_fields_stay_out():
     """A wall that has vanished before the film begins changes nothing."""
     x, vol = block((2, 2, 2), DX)
     scene = Scene(dx=DX, fps=20.0, frames=2, boundaries=(HalfSpace(friction=0.5),), lift=None)
-    gone = dataclasses.replace(scene, boundaries=(*scene.boundaries, Sphere(center=(0.04, 0.04, 0.04), radius=0.1, start=5.0)))
+    gone = dataclasses.replace(
+        scene, boundaries=(*scene.boundaries, Sphere(center=(0.04, 0.04, 0.04), radius=0.1, start=5.0))
+    )
     f = field(len(x))
     a, b = (list(simulate(s, x, vol, f)) for s in (scene, gone))
     assert torch.equal(a[-1].x, b[-1].x)

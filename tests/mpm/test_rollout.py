@@ -1,18 +1,20 @@
 """Laws that a rollout must keep, and what it refuses."""
 
 import dataclasses
+import itertools
 import math
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import torch
 import warp as wp
-from tests.mpm.bodies import block, field, rotation
 
 from diffuphy.material import make_mixture
 from diffuphy.mpm import FrameReport, HalfSpace, Scene, rollout, simulate
 from diffuphy.mpm.diagnostics import diagnose
-from diffuphy.mpm.rollout import make_matter, stretches
+from diffuphy.mpm.state import make_matter, stretches
 from diffuphy.types import SimulationDiverged
+from tests.mpm.bodies import block, field, rotation
 
 DX = 0.05
 FREE = Scene(gravity=(0.0, 0.0, 0.0), dx=DX, fps=50.0, frames=4, boundaries=(), lift=None)
@@ -74,7 +76,9 @@ def test_rest_stays_at_rest_to_the_last_bit():
 
 def test_a_quarter_turn_of_everything_turns_the_answer():
     """Rotating particles, gravity and walls by 90° about a grid axis, or permuting axes, rotates the trajectory."""
-    scene = dataclasses.replace(FREE, gravity=(1.0, 0.0, -9.81), frames=6, boundaries=(HalfSpace(friction=0.4, point=(0.0, 0.0, 0.2)),))
+    scene = dataclasses.replace(
+        FREE, gravity=(1.0, 0.0, -9.81), frames=6, boundaries=(HalfSpace(friction=0.4, point=(0.0, 0.0, 0.2)),)
+    )
     _, x, vol, f = brick(scene)
     here = rollout(scene, x, vol, f)
     R = x.new_tensor([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # z → x
@@ -87,23 +91,30 @@ def test_a_quarter_turn_of_everything_turns_the_answer():
 
 
 def bar_period_error(n: int) -> float:
-    """Relative error of the first period of a free bar of n cells with v = v̂ cos(π X/L); T = 2 L/c with c² = E/ρ at ν = 0."""
+    """Relative error of the first period of a free bar of n cells with v = v̂ cos(π X/L); T = 2 L/c with c² = E/ρ at
+    ν = 0."""
     L, E, rho = 1.0, 1e5, 1000.0
     c, dx = math.sqrt(E / rho), L / n
     x, vol = block((n, 2, 2), dx)
     v = torch.zeros_like(x)
     v[:, 0] = 1e-3 * c * torch.cos(math.pi * x[:, 0] / L)
     frames = 60
-    scene = Scene(gravity=(0.0, 0.0, 0.0), dx=dx, fps=frames / (0.8 * 2 * L / c), boundaries=(), lift=None, frames=frames)
+    scene = Scene(
+        gravity=(0.0, 0.0, 0.0), dx=dx, fps=frames / (0.8 * 2 * L / c), boundaries=(), lift=None, frames=frames
+    )
     mode = torch.cos(math.pi * x[:, 0] / L)
-    q = [float((s.v[:, 0] * mode).sum()) for s in simulate(scene, x, vol, field(len(x), E=E, nu=0.0, rho=rho), velocity=v)]
-    roots = [i + a / (a - b) for i, (a, b) in enumerate(zip(q, q[1:], strict=False)) if a > 0 >= b or a < 0 <= b]
+    q = [
+        float((s.v[:, 0] * mode).sum())
+        for s in simulate(scene, x, vol, field(len(x), E=E, nu=0.0, rho=rho), velocity=v)
+    ]
+    roots = [i + a / (a - b) for i, (a, b) in enumerate(itertools.pairwise(q)) if a > 0 >= b or a < 0 <= b]
     period = 2 * (roots[1] - roots[0]) / scene.fps
     return abs(period / (2 * L / c) - 1)
 
 
 def test_the_period_of_a_bar_converges_with_order_two():
-    """Error of T about 1.0 (Δx/L)² for the MLS transfer: its kinetic energy carries m D |C|²/2, D = Δx²/4, so T grows by (π²/8)(Δx/L)²."""
+    """Error of T about 1.0 (Δx/L)² for the MLS transfer: its kinetic energy carries m D |C|²/2, D = Δx²/4, so T
+    grows by (π²/8)(Δx/L)²."""
     coarse, fine = bar_period_error(8), bar_period_error(16)
     assert 0.7 < coarse * 8**2 < 2.0 and 0.7 < fine * 16**2 < 2.0
     assert 1.7 < math.log2(coarse / fine) < 2.3
@@ -111,12 +122,17 @@ def test_the_period_of_a_bar_converges_with_order_two():
 
 def test_a_rollout_can_be_cut_anywhere():
     """2 + 3 frames are the 5 frames, to the last bit."""
-    scene = dataclasses.replace(FREE, gravity=(0.0, 0.0, -9.81), boundaries=(HalfSpace(point=(0.0, 0.0, 0.2), friction=0.3),))
+    scene = dataclasses.replace(
+        FREE, gravity=(0.0, 0.0, -9.81), boundaries=(HalfSpace(point=(0.0, 0.0, 0.2), friction=0.3),)
+    )
     _, x, vol, f = brick(scene)
     whole = list(simulate(scene, x, vol, f, frames=5))
     *_, middle = simulate(scene, x, vol, f, frames=2)
     *_, end = simulate(scene, x, vol, f, frames=3, state=middle)
-    assert all(torch.equal(a, b) for a, b in ((end.x, whole[-1].x), (end.v, whole[-1].v), (end.He, whole[-1].He), (end.C, whole[-1].C)))
+    assert all(
+        torch.equal(a, b)
+        for a, b in ((end.x, whole[-1].x), (end.v, whole[-1].v), (end.He, whole[-1].He), (end.C, whole[-1].C))
+    )
     assert end.time == whole[-1].time
 
 
@@ -158,7 +174,8 @@ def test_a_state_inside_out_is_refused():
 
 
 def test_particles_may_leave_the_block_of_nodes():
-    """A bar pulled apart by stored stretch moves faster than its speed at the start of the frame lets one guess: the frame is run again."""
+    """A bar pulled apart by stored stretch moves faster than its speed at the start of the frame lets one guess: the
+    frame is run again."""
     scene, x, vol, f = brick(dataclasses.replace(FREE, fps=8.0), E=1e6)
     *_, state = simulate(scene, x, vol, f, frames=0)
     squeezed = dataclasses.replace(state, He=state.He - 0.45 * torch.eye(3, dtype=x.dtype))
@@ -184,7 +201,14 @@ def test_bad_input_is_named(change):
         f = dataclasses.replace(f, rho=f.rho[:-1])
     else:
         x = x.half()
-    with pytest.raises(ValueError, match="rho must have shape" if change == "rows" else "float32 or float64" if change == "dtype" else f"{change}.*37"):
+    with pytest.raises(
+        ValueError,
+        match="rho must have shape"
+        if change == "rows"
+        else "float32 or float64"
+        if change == "dtype"
+        else f"{change}.*37",
+    ):
         rollout(scene, x, vol, f)
 
 
@@ -209,5 +233,28 @@ def test_float32_keeps_the_increments_that_its_positions_round_away():
     for dtype in (torch.float64, torch.float32):
         *_, end = simulate(scene, x.to(dtype), vol.to(dtype), field(len(x), dtype=dtype), velocity=v.to(dtype), dt=2e-5)
         moved.append(end.He[:, 0, 0].double())
-    # 750 additions into H, each rounded relative to H: far below the 3 % that F = I + H in float32 would lose per addition
+    # 750 additions into H, each rounded relative to H: far below the 3 % that F = I + H in float32 would lose per
+    # addition
     torch.testing.assert_close(moved[1], moved[0], rtol=0, atol=2e-2 * float(moved[0].abs().max()))
+
+
+def test_rate_gates_make_a_blend_independent_of_the_time_step():
+    """Half von Mises, half identity: halving Δt changes the deformation by a third; with gates meant over 8 ms by 1 %."""
+    scene, x, vol, _ = brick(dataclasses.replace(FREE, fps=25.0, frames=3))
+    f = field(len(x), ("hencky",), ("identity", "von_mises"), yield_stress=20.0)
+    kick = 0.5 * torch.sin(9.0 * x)
+
+    def change(dt_ref: float | None) -> float:
+        coarse, fine = (rollout(scene, x, vol, f, velocity=kick, dt=dt, dt_ref=dt_ref).F[-1] for dt in (8e-4, 4e-4))
+        return float((fine - coarse).norm() / (fine - torch.eye(3, dtype=x.dtype)).norm())
+
+    assert change(None) > 0.1 and change(8e-3) < 0.03  # the gated flow is a rate: what is left is of order Δt/dt_ref
+
+
+def test_one_solver_a_thread_gives_the_same_bits():
+    """Rollouts in two threads at once: solvers share compiled kernels and nothing else."""
+    scene, x, vol, f = brick(dataclasses.replace(FREE, spin=(1.0, 2.0, 0.0)))
+    alone = [rollout(scene, x * s, vol, f).x for s in (1.0, 1.1)]
+    with ThreadPoolExecutor(2) as pool:
+        together = list(pool.map(lambda s: rollout(scene, x * s, vol, f).x, (1.0, 1.1)))
+    assert all(torch.equal(a, b) for a, b in zip(alone, together, strict=True))

@@ -35,12 +35,14 @@ def sphere(n: int, radius: float = 1.0) -> Tensor:
 
 @pytest.mark.parametrize("n, sigma", [(10000, 0.006), (4000, 0.03), (1500, 0.06)])
 def test_a_shell_becomes_a_solid_ball_of_its_volume(n, sigma):
-    """V = 4π/3 (R + d)³ with d where the density of the sheet, o ν 2π s² e^(−d²/2s²), s² = max(σ², h²/12), falls to the threshold."""
+    """V = 4π/3 (R + d)³ with d where the density of the sheet, o ν 2π s² e^(−d²/2s²), s² = max(σ², h²/12), falls to
+    the threshold."""
     p = MANY(cloud(sphere(n), sigma), motion(2.0), work=Workspace())
     h = 2.0 / MANY.cells / 2
     s2 = max(sigma**2, h * h / 12)
     d = math.sqrt(2 * s2 * math.log(0.9 * n / (4 * math.pi) * 2 * math.pi * s2 / MANY.threshold))
-    # cells counted by their centres: noise of about 0.1 cell in the radius; the sheet is curved: s²/R² = 0.4 % of it; 3 · 0.1 h/R = 2 %
+    # cells counted by their centres: noise of about 0.1 cell in the radius; the sheet is curved: s²/R² = 0.4 % of
+    # it; 3 · 0.1 h/R = 2 %
     assert float(p.vol.sum()) == pytest.approx(4 / 3 * math.pi * (1 + d) ** 3, rel=0.03)
     assert (p.gaussian < 0).sum() > len(p) / 2
     inside = p.x.norm(dim=1)
@@ -60,7 +62,8 @@ def test_what_is_open_or_left_out_stays_hollow():
 
 
 def test_particles_lie_where_the_gaussians_are():
-    """x = scale · means + offset, longest side = size, the middle of the box at the origin; each carries the most opaque of its cell."""
+    """x = scale · means + offset, longest side = size, the middle of the box at the origin; each carries the most
+    opaque of its cell."""
     means = sphere(2000) * torch.tensor([1.0, 0.5, 0.3]) + torch.tensor([0.3, 0.1, -0.2])
     g = cloud(means, 0.03)
     p = MANY(g, motion(0.4), work=Workspace())
@@ -94,12 +97,14 @@ def test_two_objects_are_kept_and_strays_are_not():
 
 
 def test_the_number_of_particles_is_bounded():
-    """Coarser until it fits, with the volume kept to the accuracy of the coarser lattice; or an error that says what to do."""
+    """Coarser until it fits, with the volume kept to the accuracy of the coarser lattice; or an error that says what
+    to do."""
     g = cloud(sphere(4000), 0.03)
     fine = MANY(g, motion(), work=Workspace())
     few = dataclasses.replace(MANY, max_particles=3000)(g, motion(), work=Workspace())
     assert 2000 < len(few) <= 3000
-    assert float(few.vol.sum()) == pytest.approx(float(fine.vol.sum()), rel=0.1)
+    # the lattice places the surface to half a cell: 3 (h/2)/R
+    assert float(few.vol.sum()) == pytest.approx(float(fine.vol.sum()), rel=1.5 * few.spacing / 0.5)
     with pytest.raises(ValueError, match="more than 3000; raise max_particles"):
         dataclasses.replace(MANY, max_particles=3000, when_full="error")(g, motion(), work=Workspace())
 
@@ -130,7 +135,8 @@ def test_huge_and_tiny_gaussians_cannot_hang_it():
 
 
 def test_coarse_particles_are_fine_ones_with_all_the_volume():
-    """Σ V is kept, every coarse particle is one of the fine, the centre of volume moves by less than a coarse cell's noise."""
+    """Σ V is kept, every coarse particle is one of the fine, the centre of volume moves by less than a coarse cell's
+    noise."""
     p = MANY(cloud(sphere(3000), 0.04), motion(), work=Workspace())
     coarse, kept = coarsen(p, n=800, seed=3)
     assert 500 < len(coarse) <= 800
@@ -146,7 +152,8 @@ def test_coarse_particles_are_fine_ones_with_all_the_volume():
 
 
 def test_density_is_the_sum_of_the_gaussians():
-    """One turned ellipsoid on a fine lattice: its integral is o (2π)^{3/2} √det Σ, up to the 1 % beyond three deviations."""
+    """One turned ellipsoid on a fine lattice: its integral is o (2π)^{3/2} √det Σ, up to the 1 % beyond three
+    deviations."""
     x = torch.tensor([[0.03, 0.01, -0.02]])
     quat = torch.tensor([[0.9, 0.1, -0.3, 0.2]])
     scales, h = torch.tensor([[0.04, 0.06, 0.05]]), 0.04

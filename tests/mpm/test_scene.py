@@ -4,9 +4,9 @@ import math
 
 import pytest
 import torch
-from tests.mpm.bodies import block, field
 
 from diffuphy.mpm import SCENES, Scene, Sphere, scene_for, simulate
+from tests.mpm.bodies import block, field
 
 SIZE = 0.4
 
@@ -19,7 +19,7 @@ def films():
         scene = scene_for(verb, SIZE, cells=5, frames=20, fps=20.0)
         x, vol = block((5, 5, 5), scene.dx, dtype=torch.float32)
         x = x - (x.amin(0) + x.amax(0)) / 2
-        out[verb] = [s for s in simulate(scene, x, vol, field(len(x), E=1e5, dtype=torch.float32))]
+        out[verb] = list(simulate(scene, x, vol, field(len(x), E=1e5, dtype=torch.float32)))
     return out
 
 
@@ -54,11 +54,13 @@ def test_spinning_things_keep_their_axis(films):
     states = films["spinning"]
     assert float((states[-1].x.mean(0) - states[0].x.mean(0))[:2].norm()) < 0.05 * SIZE
     C = states[0].C[0]
-    assert float(C[1, 0]) == pytest.approx(4 * math.pi, rel=1e-6) and float(C[0, 1]) == pytest.approx(-4 * math.pi, rel=1e-6)
+    assert float(C[1, 0]) == pytest.approx(4 * math.pi, rel=1e-6) and float(C[0, 1]) == pytest.approx(
+        -4 * math.pi, rel=1e-6
+    )
 
 
 def test_the_press_flattens_and_lets_go(films):
-    low, high = heights(films["squashed"])
+    _, high = heights(films["squashed"])
     assert float(high[9]) < 0.75 * float(high[0]) and float(high[10:].max()) > 0.95 * float(high[0])
 
 
@@ -77,6 +79,14 @@ def test_unknown_words_and_impossible_settings_are_refused():
     for wrong in (dict(size=0.0), dict(size=1.0, cells=3), dict(size=1.0, dx=0.5), dict(size=1.0, friction=-1.0)):
         with pytest.raises(ValueError):
             scene_for("falling", **wrong)
-    for wrong in (dict(dx=0.0), dict(fps=math.inf), dict(frames=0), dict(cfl=0.9), dict(gravity=(0.0, 0.0)), dict(lift=math.nan), dict(dx=0.1, boundaries=(Sphere(radius=0.1),))):
+    for wrong in (
+        dict(dx=0.0),
+        dict(fps=math.inf),
+        dict(frames=0),
+        dict(cfl=0.9),
+        dict(gravity=(0.0, 0.0)),
+        dict(lift=math.nan),
+        dict(dx=0.1, boundaries=(Sphere(radius=0.1),)),
+    ):
         with pytest.raises(ValueError):
             Scene(**wrong)

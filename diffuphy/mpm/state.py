@@ -1,0 +1,151 @@
+"""What a simulation works on: particles at one time, their matter, and one frame of time; made from results, and
+checked."""
+
+import math
+from dataclasses import dataclass
+
+import torch
+import warp as wp
+from torch import Tensor
+
+from diffuphy.mpm.grid import Grid
+from diffuphy.mpm.scene import Scene
+from diffuphy.types import MaterialField
+
+REAL = {torch.float32: wp.float32, torch.float64: wp.float64}
+"""Precisions a simulation can run in."""
+
+
+@dataclass(frozen=True)
+class State:
+    """N particles at one time."""
+
+    x: Tensor
+    """Positions, shape (N, 3) [m]."""
+    v: Tensor
+    """Velocities, shape (N, 3) [m/s]."""
+    C: Tensor
+    """Affine velocities, shape (N, 3, 3) [1/s]."""
+    He: Tensor
+    """Trial elastic deformation gradient minus the identity, shape (N, 3, 3)."""
+    H: Tensor | None
+    """Total deformation gradient minus the identity, shape (N, 3, 3); None when nothing flows: it is ``He`` then."""
+    time: float = 0.0
+    """Time since the beginning [s]."""
+
+    @property
+    def F(self) -> Tensor:
+        """Total deformation gradient, shape (N, 3, 3)."""
+        H = self.He if self.H is None else self.H
+        return H + torch.eye(3, dtype=H.dtype, device=H.device)
+
+
+@dataclass(frozen=True)
+class Matter:
+    """What does not change during a rollout; contiguous tensors of one precision on one device."""
+
+    w_e: Tensor
+    """Elastic weights, shape (N, Ke)."""
+    w_p: Tensor
+    """Plastic weights, shape (N, Kp)."""
+    theta: Tensor
+    """Parameters in the order of ``mixture.params``, shape (N, P), SI."""
+    m: Tensor
+    """Masses, shape (N,) [kg]."""
+    vol: Tensor
+    """Rest volumes, shape (N,) [m³]."""
+
+
+@dataclass(frozen=True)
+class Span:
+    """The time and the block of nodes of one frame."""
+
+    grid: Grid
+    start: float
+    """Time at the beginning [s]."""
+    dt: float
+    """Length of a substep Δt [s]."""
+    n_sub: int
+    """Number of substeps."""
+
+    @property
+    def end(self) -> float:
+        """Time at the end [s]."""
+        return self.start + self.n_sub * self.dt
+
+
+def check(x: Tensor, vol: Tensor, field: MaterialField) -> None:
+    """Refuse what cannot be simulated.
+
+    Raises:
+        ValueError: naming the field, the first bad row, and what is allowed.
+    """
+    N = x.shape[0]
+    if x.dtype not in REAL:
+        raise ValueError(f"x must be float32 or float64, got {x.dtype}")
+    if N == 0 or x.shape != (N, 3):
+        raise ValueError(f"x must have shape (N, 3) with N > 0, got {tuple(x.shape)}")
+    shapes = {
+        "vol": (vol, (N,)),
+        "rho": (field.rho, (N,)),
+        "w_e": (field.w_e, (N, len(field.elastic))),
+        "w_p": (field.w_p, (N, len(field.plastic))),
+    }
+    shapes |= {f"theta[{k!r}]": (t, (N,)) for k, t in field.theta.items()}
+    for name, (t, shape) in shapes.items():
+        if tuple(t.shape) != shape:
+            raise ValueError(f"{name} must have shape {shape} for {N} particles, got {tuple(t.shape)}")
+    positive = {"vol", "rho"}
+    for name, t in {"x": x, **{k: t for k, (t, _) in shapes.items()}}.items():
+        bad = ~torch.isfinite(t.detach()) if name not in positive else ~(torch.isfinite(t.detach()) & (t.detach() > 0))
+        if bool(bad.any()):
+            row = int(bad.reshape(N, -1).any(1).nonzero()[0])
+            raise ValueError(
+                f"{name} of particle {row} is {t[row].tolist()}; it must be "
+                f"finite{' and positive' if name in positive else ''}"
+            )
+
+
+def make_matter(
+    field: MaterialField, vol: Tensor, params: tuple[str, ...], dtype: torch.dtype, grad: bool = True
+) -> Matter:
+    """The tensors of a field as the kernels read them; still part of the graph if ``grad``."""
+    if missing := [p for p in params if p not in field.theta]:
+        raise ValueError(
+            f"the laws {(*field.elastic, *field.plastic)} need the parameter {missing[0]!r}; theta has "
+            f"{sorted(field.theta)}"
+        )
+    theta = torch.stack([field.theta[p].to(dtype) for p in params], 1)
+    vol = vol.detach().to(dtype)
+    parts = [
+        t.to(dtype) if grad else t.detach().to(dtype) for t in (field.w_e, field.w_p, theta, field.rho.to(dtype) * vol)
+    ]
+    return Matter(*(t.contiguous() for t in parts), vol.contiguous())
+
+
+def initial_state(scene: Scene, x: Tensor, m: Tensor, plastic: bool, velocity: Tensor | None = None) -> State:
+    """Particles lifted to their height and set in motion: v = V + ω × (x − x_cm), C = [ω]×, F = I."""
+    if scene.lift is not None:
+        up = torch.zeros_like(x[0].detach())
+        up[2] = scene.lift - x.detach()[:, 2].min()
+        x = x + up
+    w = x.new_tensor(scene.spin)
+    center = (m[:, None] * x).sum(0) / m.sum()
+    v = x.new_tensor(scene.velocity) + torch.linalg.cross(w.expand_as(x), x - center)
+    C = x.new_zeros(len(x), 3, 3)
+    C[:] = x.new_tensor([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
+    H = x.new_zeros(len(x), 3, 3)
+    return State(x, v if velocity is None else v + velocity.to(x), C, H, H.clone() if plastic else None)
+
+
+def stretches(H: Tensor) -> tuple[Tensor, Tensor]:
+    """Smallest and largest principal stretch of F = I + H, each of shape (N,): square roots of eigenvalues of FᵀF
+    (Smith 1961)."""
+    A = H + H.mT + H.mT @ H  # FᵀF − I
+    q = A.diagonal(dim1=-2, dim2=-1).mean(-1)
+    B = A - q[:, None, None] * torch.eye(3, dtype=H.dtype, device=H.device)
+    p = ((B * B).sum((-2, -1)) / 6).sqrt()
+    det = (B[:, 0] * torch.linalg.cross(B[:, 1], B[:, 2])).sum(-1)
+    phi = torch.acos((det / (2 * p**3).clamp_min(torch.finfo(H.dtype).tiny)).clamp(-1, 1)) / 3
+    high, low = q + 2 * p * torch.cos(phi), q + 2 * p * torch.cos(phi + 2 * math.pi / 3)
+    return (1 + low).clamp_min(0).sqrt(), (1 + high).clamp_min(0).sqrt()
