@@ -25,10 +25,15 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=128, help="side of one picture [px]")
     parser.add_argument("--columns", type=int, default=3, help="objects side by side")
     parser.add_argument("--surface", default="", help="material or colour word over every object")
-    parser.add_argument("--variants", action="store_true", help="show the first view of four siblings instead of four views")
+    parser.add_argument(
+        "--variants", action="store_true", help="show the first view of four siblings instead of four views"
+    )
     args = parser.parse_args()
     torch.set_num_threads(1)
-    camera, library = orbit(AZIMUTHS, torch.tensor(ELEVATIONS), 4.6, fov=32.0, width=args.size, height=args.size), Library()
+    camera, library = (
+        orbit(AZIMUTHS, torch.tensor(ELEVATIONS), 5.2, fov=34.0, width=args.size, height=args.size),
+        Library(),
+    )
     cells = []
     for name in args.names:
         look = Look(subject=name, text="", surface=args.surface)

@@ -1,7 +1,7 @@
 """The grammar of prompts: words to phrases, phrases to a reading.
 
-It is that of a noun phrase: words before the noun, "made of" after it, parts after "with", what is left out after "without",
-surroundings after a preposition, a verb anywhere.
+It is that of a noun phrase: words before the noun, "made of" after it, parts after "with", what is left out after
+"without", surroundings after a preposition, a verb anywhere.
 """
 
 import functools
@@ -15,7 +15,10 @@ from diffuphy.text2gs.refine import words as w
 from diffuphy.text2gs.shapes.catalogue import RECIPES, WORDS, plural
 from diffuphy.text2gs.shapes.primitives import Recipe
 
-COLLECTIVE = {"tower": {"cube": "tower", "pancakes": "pancakes"}, "gravel pile": {"cube": "tower", "pancakes": "pancakes"}}
+COLLECTIVE = {
+    "tower": {"cube": "tower", "pancakes": "pancakes"},
+    "gravel pile": {"cube": "tower", "pancakes": "pancakes"},
+}
 """What a stack or pile of another object is."""
 
 
@@ -153,7 +156,14 @@ class Reader:
             self._negation()
         elif item.text == "made":
             self.expecting = True
-            while self.i + 1 < len(self.items) and self.items[self.i + 1].text in ("of", "out", "from", "in", "entirely", "completely"):
+            while self.i + 1 < len(self.items) and self.items[self.i + 1].text in (
+                "of",
+                "out",
+                "from",
+                "in",
+                "entirely",
+                "completely",
+            ):
                 self.i += 1
         elif item.text in w.PLACES:
             self._surroundings()
@@ -173,7 +183,11 @@ class Reader:
         """Read "without cheese, lettuce and onions": parts are removed, other words go to the negative prompt."""
         while self.i + 1 < len(self.items):
             item = self.items[self.i + 1]
-            if "verb" in item.roles or item.text in ("with", "made", "then", "while", "but", *w.PLACES) or re.match(r"\d", item.text):
+            if (
+                "verb" in item.roles
+                or item.text in ("with", "made", "then", "while", "but", *w.PLACES)
+                or re.match(r"\d", item.text)
+            ):
                 break
             if "part" in item.roles:
                 self.reading.removed.append(item.roles["part"])
@@ -206,7 +220,9 @@ class Reader:
         unit = next((u for u in after_article[:1] for u in (u, u.removesuffix("s")) if u in w.UNITS or u == "in"), None)
         if unit is None:
             if number != 1:
-                raise ValueError(f"one object a scene: cannot place the number {item.text!r}; a size needs a unit, such as 30 cm")
+                raise ValueError(
+                    f"one object a scene: cannot place the number {item.text!r}; a size needs a unit, such as 30 cm"
+                )
             return True
         r.lengths.append(number * (w.UNITS["inch"] if unit == "in" else w.UNITS[unit]))
         self.i += 1 + (len(after) - len(after_article))
@@ -238,7 +254,8 @@ class Reader:
         return True
 
     def _part(self, roles: dict[str, Any]) -> None:
-        """A part, made of what waits for a noun; or of what its name says ("pancakes with honey": the syrup is honey)."""
+        """A part, made of what waits for a noun; or of what its name says ("pancakes with honey": the syrup is
+        honey)."""
         part = next(p for p in self.recipe.parts if p.name == roles["part"])
         if not self.pending and roles.get("material", part.material) != part.material:
             self.pending = [("material", roles["material"])]
@@ -246,7 +263,10 @@ class Reader:
         self.target, self.expecting = part.name, False
 
     def _is_subject(self, item: Item) -> bool:
-        """An object word that names the subject and is not spoken of as a material ("a duck of cake"), part or modifier."""
+        """An object word that names the subject and is not spoken of as a material ("a duck of cake"), part or
+        modifier."""
         name = item.roles.get("object")
-        named = name == self.recipe.name or (name in COLLECTIVE and self.recipe.name in (*COLLECTIVE[name].values(), "mound"))
+        named = name == self.recipe.name or (
+            name in COLLECTIVE and self.recipe.name in (*COLLECTIVE[name].values(), "mound")
+        )
         return named and not (self.expecting and "material" in item.roles)

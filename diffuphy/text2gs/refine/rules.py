@@ -1,6 +1,7 @@
 """Sentences by rule: an object of the library, what it is made of, what happens to it, how large it is.
 
-What the grammar reads is written out again in canonical words, so that sentences that mean the same give the same result.
+What the grammar reads is written out again in canonical words, so that sentences that mean the same give the same
+result.
 See docs/prompts.md.
 """
 
@@ -44,8 +45,8 @@ class Rules:
     default_size: float = 0.5
     """Longest side [m] of an object whose size the sentence does not give; size words are multiples of it."""
     library: bool = True
-    """Accept only objects that the procedural library draws, and no word without a meaning to it. False, for a prior that draws
-    anything: an unknown noun phrase is the subject, and words that mean nothing here are passed on."""
+    """Accept only objects that the procedural library draws, and no word without a meaning to it. False, for a prior
+    that draws anything: an unknown noun phrase is the subject, and words that mean nothing here are passed on."""
     style: str = "a DSLR photo of {}, centered, plain background"
     """Sentence around the subject for an image encoder."""
     image_negative: str = "blurry, low quality, text, watermark, cropped, multiple objects"
@@ -73,7 +74,9 @@ class Rules:
             return self._refined(spoken)
         except ValueError as e:
             shown = " ".join(str(self.prompt).split())
-            raise ValueError(f"prompt {shown[:80]!r}: {e}, {REMEDY}" if self.library else f"prompt {shown[:80]!r}: {e}") from None
+            raise ValueError(
+                f"prompt {shown[:80]!r}: {e}, {REMEDY}" if self.library else f"prompt {shown[:80]!r}: {e}"
+            ) from None
 
     def _refined(self, spoken: list[str]) -> Prompt:
         items = items_of(spoken, lexicon())
@@ -102,7 +105,10 @@ class Rules:
         if recipe is not None:
             order = [p.name for p in recipe.parts if p.name not in removed]
             if not order:
-                raise ValueError(f"nothing is left of {recipe.name}; keep one of its parts: {', '.join(p.name for p in recipe.parts)}")
+                raise ValueError(
+                    f"nothing is left of {recipe.name}; keep one of its parts: "
+                    f"{', '.join(p.name for p in recipe.parts)}"
+                )
             if gone := removed & (set(named) | set(colours)):
                 raise ValueError(f"{sorted(gone)[0]!r} is both left out and described; say one of them")
             _simplify(recipe, named, colours)
@@ -149,7 +155,10 @@ def _one_material(given: list[str], target: str) -> str:
     """The one material of a target; soft and plush yield to a real one."""
     real = sorted({m for m in given if m not in w.YIELDING}) or sorted(set(given))
     if len(real) > 1:
-        raise ValueError(f"one material for {target or 'the whole object'}, got {' and '.join(real)}; give others to parts, as in 'a burger with a jelly patty'")
+        raise ValueError(
+            f"one material for {target or 'the whole object'}, got {' and '.join(real)}; "
+            "give others to parts, as in 'a burger with a jelly patty'"
+        )
     return real[0]
 
 
@@ -181,7 +190,11 @@ def _phrase(recipe: Recipe, named: dict[str, str], colours: dict[str, str], remo
     if recipe.name == "mound" and not named.get(""):
         whole.append("sand")
     phrase = " ".join(recipe.title.format(" ".join(whole)).split())
-    details = [" ".join([*_adjectives(p.name, named, colours), p.name]) for p in recipe.parts if p.name in named or p.name in colours]
+    details = [
+        " ".join([*_adjectives(p.name, named, colours), p.name])
+        for p in recipe.parts
+        if p.name in named or p.name in colours
+    ]
     phrase += f" with {' and '.join(details)}" if details else ""
     return phrase + (f" without {' and '.join(removed)}" if removed else "")
 
@@ -201,7 +214,11 @@ def _surface(recipe: Recipe, named: dict[str, str], colours: dict[str, str], ord
 
 
 def _no_object(items: list[Item]) -> str:
-    candidates = [i.text for i in items if not i.roles and i.text not in w.FILLERS and i.text not in (*w.PLACES, *w.JOINS, *w.WITHOUT, "with")]
+    candidates = [
+        i.text
+        for i in items
+        if not i.roles and i.text not in w.FILLERS and i.text not in (*w.PLACES, *w.JOINS, *w.WITHOUT, "with")
+    ]
     near = [m for c in candidates for m in difflib.get_close_matches(c, WORDS, n=3, cutoff=0.6)][:3]
     hint = f"did you mean {' or '.join(repr(m) for m in near)}? " if near else ""
     return f"no object of the library is named; {hint}it has: {', '.join(sorted(RECIPES))}; name one"

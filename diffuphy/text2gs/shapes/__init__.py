@@ -1,4 +1,5 @@
-"""Procedural library of objects as signed distances: what the analytic prior knows, and where initial points come from."""
+"""Procedural library of objects as signed distances: what the analytic prior knows, and where initial points come
+from."""
 
 from diffuphy.text2gs.shapes.catalogue import RECIPES, find
 from diffuphy.text2gs.shapes.library import Library

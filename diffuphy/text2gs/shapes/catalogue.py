@@ -2,26 +2,29 @@
 
 import difflib
 
-from diffuphy.text2gs.shapes import food, things, toys
+from diffuphy.text2gs.shapes import food, garden, things, toys
 from diffuphy.text2gs.shapes.primitives import Recipe
 
-RECIPES: dict[str, Recipe] = {r.name: r for r in (*food.RECIPES, *toys.RECIPES, *things.RECIPES)}
+RECIPES: dict[str, Recipe] = {r.name: r for r in (*food.RECIPES, *garden.RECIPES, *toys.RECIPES, *things.RECIPES)}
 """Objects by canonical name."""
 
 WORDS: dict[str, str] = {w: r.name for r in RECIPES.values() for w in (r.name, *r.words)}
 """Every singular word or phrase for an object, and the canonical name it stands for."""
 
 
+IRREGULAR = {"tomato": "tomatoes", "man": "men", "leaf": "leaves", "cactus": "cacti"}
+"""Endings of singular words, and of their plurals."""
+
+
 def plural(phrase: str) -> str:
     """English plural of the last word ("teddy bear" → "teddy bears", "cherry" → "cherries")."""
+    for end, many in IRREGULAR.items():
+        if phrase.endswith(end):
+            return phrase.removesuffix(end) + many
     if phrase.endswith(("s", "x", "ch", "sh")):
         return phrase + "es"
     if phrase.endswith("y") and phrase[-2] not in "aeiou":
         return phrase[:-1] + "ies"
-    if phrase.endswith("man"):
-        return phrase[:-3] + "men"
-    if phrase.endswith("leaf"):
-        return phrase[:-1] + "ves"
     return phrase + "s"
 
 

@@ -1,9 +1,9 @@
 """Signed distance of a table of primitives. One source for CPU and CUDA.
 
-A scene is a table with one row a primitive; a contiguous run of rows with the same group number is one solid, made by smooth
-unions and cuts in the order of the rows; the object is the plain union of its groups. All distances are lower bounds of the
-Euclidean one, so a ray may step by them (Hart, "Sphere tracing", The Visual Computer 1996); the closed forms of the primitives
-are those collected by I. Quilez, "Distance functions" (iquilezles.org).
+A scene is a table with one row a primitive; a contiguous run of rows with the same group number is one solid, made by
+smooth unions and cuts in the order of the rows; the object is the plain union of its groups. All distances are lower
+bounds of the Euclidean one, so a ray may step by them (Hart, "Sphere tracing", The Visual Computer 1996); the closed
+forms of the primitives are those collected by I. Quilez, "Distance functions" (iquilezles.org).
 """
 
 import warp as wp
@@ -25,16 +25,17 @@ PROBE = 1.5e-3
 KIND, AT, SLAB, TURN, SIZE, BEND, LIMITS, PAINT, SECOND, THIRD, GLOSS, COLUMNS = range(12)
 """Columns of the table, each a vec4:
 KIND    kind, group, UNION or CUT, blend radius k of the join
-AT      centre, bounding radius with the reach
-SLAB    local z axis, half height with the reach
+AT      centre, bounding radius
+SLAB    local z axis, half height
 TURN    quaternion xyzw from the primitive's frame to the drawing's
 SIZE    sizes
 BEND    ruffle, ribs, count, droop
-LIMITS  of the bend: 1 / Lipschitz constant, swelling, distance from which the swollen one is used
+LIMITS  of the bend: 1 / Lipschitz constant, swelling, distance from which the swollen one is used;
+        reach: how far the blends of its group may move the surface
 PAINT   colour, pattern
 SECOND  second colour, scale
 THIRD   third colour, grain
-GLOSS   highlight, glow, reach: how far the blends of its group may move the surface
+GLOSS   highlight, glow
 """
 
 
@@ -52,7 +53,8 @@ def ellipsoid(p: wp.vec3, r: wp.vec3):
 
 @wp.func
 def smooth_min(a: float, b: float, k: float):
-    """Polynomial smooth minimum: min(a, b) - h² k / 4 with h = max(1 - |a - b| / k, 0); 1-Lipschitz when a and b are."""
+    """Polynomial smooth minimum: min(a, b) - h² k / 4 with h = max(1 - |a - b| / k, 0); 1-Lipschitz when a and b
+    are."""
     h = wp.max(k - wp.abs(a - b), 0.0) / wp.max(k, 1.0e-6)
     return wp.min(a, b) - 0.25 * h * h * k
 
@@ -160,8 +162,8 @@ def solid(kind: int, q: wp.vec3, a: wp.vec4):
 def primitive(j: int, p: wp.vec3, rows: wp.array2d(dtype=wp.vec4)):
     """Distance of the point p of the drawing to primitive j.
 
-    Of a bent one the larger of two lower bounds: that of the straight one swollen by the bend, which alone counts far away, and
-    that in the coordinates in which it is straight, divided by the Lipschitz constant of the map to them.
+    Of a bent one the larger of two lower bounds: that of the straight one swollen by the bend, which alone counts far
+    away, and that in the coordinates in which it is straight, divided by the Lipschitz constant of the map to them.
     """
     q = to_primitive(j, p, rows)
     a = rows[j, wp.static(SIZE)]
@@ -177,7 +179,8 @@ def primitive(j: int, p: wp.vec3, rows: wp.array2d(dtype=wp.vec4)):
 
 @wp.func
 def clearance(j: int, p: wp.vec3, rows: wp.array2d(dtype=wp.vec4)):
-    """Distance to the bounding ball of primitive j or to its bounding slab, whichever is larger: cheap, and never too large."""
+    """Distance to the bounding ball of primitive j or to its bounding slab, whichever is larger: cheap, and never too
+    large."""
     o = rows[j, wp.static(AT)]
     s = rows[j, wp.static(SLAB)]
     r = p - wp.vec3(o[0], o[1], o[2])
@@ -185,10 +188,14 @@ def clearance(j: int, p: wp.vec3, rows: wp.array2d(dtype=wp.vec4)):
 
 
 @wp.func
-def distance(p: wp.vec3, cap: float, ids: wp.array(dtype=wp.int32), start: int, count: int, rows: wp.array2d(dtype=wp.vec4)):
-    """Smaller of `cap` and the distance of a point of the drawing to the listed primitives, and the primitive it is nearest to (-1: none).
+def distance(
+    p: wp.vec3, cap: float, ids: wp.array(dtype=wp.int32), start: int, count: int, rows: wp.array2d(dtype=wp.vec4)
+):
+    """Smaller of `cap` and the distance of a point of the drawing to the listed primitives, and the primitive it is
+    nearest to (-1: none).
 
-    A primitive whose bounds, which hold the reach of its group's blends, are farther than what is known cannot change the answer.
+    A primitive whose bounds are farther than what is known, by more than the reach of its group's blends, cannot change
+    the answer.
     """
     best = cap
     hit = int(-1)
@@ -210,7 +217,7 @@ def distance(p: wp.vec3, cap: float, ids: wp.array(dtype=wp.int32), start: int, 
         if int(how[2]) == wp.static(CUT):
             if away < blend - d:
                 d = -smooth_min(-d, wp.max(primitive(j, p, rows), away), blend)
-        elif away < wp.min(best, d):
+        elif away - rows[j, wp.static(LIMITS)][3] < wp.min(best, d):
             e = wp.max(primitive(j, p, rows), away)
             if e < d:
                 owner = j
@@ -222,8 +229,11 @@ def distance(p: wp.vec3, cap: float, ids: wp.array(dtype=wp.int32), start: int, 
 
 
 @wp.func
-def normal(p: wp.vec3, cap: float, ids: wp.array(dtype=wp.int32), start: int, count: int, rows: wp.array2d(dtype=wp.vec4)):
-    """Unit gradient of the distance, which must be below the cap, by four evaluations at the corners of a tetrahedron."""
+def normal(
+    p: wp.vec3, cap: float, ids: wp.array(dtype=wp.int32), start: int, count: int, rows: wp.array2d(dtype=wp.vec4)
+):
+    """Unit gradient of the distance, which must be below the cap, by four evaluations at the corners of a
+    tetrahedron."""
     n = wp.vec3(0.0, 0.0, 0.0)
     for i in range(4):
         e = wp.vec3(-1.0, -1.0, -1.0)
@@ -233,6 +243,6 @@ def normal(p: wp.vec3, cap: float, ids: wp.array(dtype=wp.int32), start: int, co
             e = wp.vec3(1.0, -1.0, 1.0)
         elif i == 2:
             e = wp.vec3(-1.0, 1.0, 1.0)
-        d, k = distance(p + wp.static(PROBE) * e, cap, ids, start, count, rows)
+        d, _k = distance(p + wp.static(PROBE) * e, cap, ids, start, count, rows)
         n = n + d * e
     return wp.normalize(n)

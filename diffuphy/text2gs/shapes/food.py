@@ -15,7 +15,14 @@ def burger(s: Sketch) -> None:
     crumb: RGB = (0.97, 0.83, 0.58)
     half = s.vary(0.14, 0.2)
     if s.has("bun"):
-        s.disc("bun", (0, 0, z + half), r * 0.97, half, 0.12, paint=s.paint("bun", (0.93, 0.72, 0.42), pattern=k.HEIGHT, scale=0.1))
+        s.disc(
+            "bun",
+            (0, 0, z + half),
+            r * 0.97,
+            half,
+            0.12,
+            paint=s.paint("bun", (0.93, 0.72, 0.42), pattern=k.HEIGHT, scale=0.1),
+        )
         s.disc("bun", (0, 0, z + 2 * half - 0.02), r * 0.93, 0.03, 0.02, paint=Paint(crumb))
         z += 2 * half
     half = s.vary(0.12, 0.25)
@@ -25,18 +32,50 @@ def burger(s: Sketch) -> None:
         z += 2 * half - 0.01
     turn = s.jitter(40)
     if s.has("cheese"):
-        s.box("cheese", (0, 0, z + 0.035), (r * 0.93, r * 0.93, 0.032), 0.025, turn=(0, 0, 30 + turn), bend=(0, 0, 0, 0.10))
+        s.box(
+            "cheese",
+            (0, 0, z + 0.035),
+            (r * 0.93, r * 0.93, 0.032),
+            0.025,
+            turn=(0, 0, 30 + turn),
+            bend=(0, 0, 0, 0.10),
+        )
         z += 0.05
     turn = s.jitter(40)
     if s.has("lettuce"):
         leaf = s.paint("lettuce", (0.62, 0.86, 0.36), pattern=k.RIM, scale=1.0)
-        s.disc("lettuce", (0, 0, z + 0.05), r * 1.12, 0.035, 0.03, paint=leaf, turn=(0, 0, turn), bend=(0.075, 0.03, 9, 0.04))
-        s.disc("lettuce", (0, 0, z + 0.07), r * 1.04, 0.03, 0.03, paint=leaf, turn=(0, 0, 23 + turn), bend=(0.06, 0.03, 7, 0.0))
+        s.disc(
+            "lettuce",
+            (0, 0, z + 0.05),
+            r * 1.12,
+            0.035,
+            0.03,
+            paint=leaf,
+            turn=(0, 0, turn),
+            bend=(0.075, 0.03, 9, 0.04),
+        )
+        s.disc(
+            "lettuce",
+            (0, 0, z + 0.07),
+            r * 1.04,
+            0.03,
+            0.03,
+            paint=leaf,
+            turn=(0, 0, 23 + turn),
+            bend=(0.06, 0.03, 7, 0.0),
+        )
         z += 0.10
     if s.has("tomato"):
         for i in range(3):
             at = (0.36 * r * math.cos(GOLDEN + 2.1 * i), 0.36 * r * math.sin(GOLDEN + 2.1 * i), z + 0.035)
-            s.disc("tomato", at, 0.56 * r, 0.045, 0.03, paint=s.paint("tomato", (0.95, 0.42, 0.30), pattern=k.RIM, scale=1.0, gloss=0.3))
+            s.disc(
+                "tomato",
+                at,
+                0.56 * r,
+                0.045,
+                0.03,
+                paint=s.paint("tomato", (0.95, 0.42, 0.30), pattern=k.RIM, scale=1.0, gloss=0.3),
+            )
         z += 0.07
     top = s.vary(0.50, 0.15)
     if s.has("bun"):
@@ -72,8 +111,24 @@ def pancakes(s: Sketch) -> None:
         theta = 2 * math.pi * i / 6 + s.scatter(0.3)
         c, sn = math.cos(theta), math.sin(theta)
         far, fall = 0.875 + s.scatter(0.01), 0.22 + 0.18 * abs(s.scatter())
-        s.limb("syrup", (0.42 * c, 0.42 * sn, z + 0.005), (0.80 * c, 0.80 * sn, z - 0.005), 0.07, 0.06, paint=gold, blend=0.06)
-        s.limb("syrup", (0.80 * c, 0.80 * sn, z - 0.005), (far * c, far * sn, z - fall), 0.055, 0.07, paint=gold, blend=0.06)
+        s.limb(
+            "syrup",
+            (0.42 * c, 0.42 * sn, z + 0.005),
+            (0.80 * c, 0.80 * sn, z - 0.005),
+            0.07,
+            0.06,
+            paint=gold,
+            blend=0.06,
+        )
+        s.limb(
+            "syrup",
+            (0.80 * c, 0.80 * sn, z - 0.005),
+            (far * c, far * sn, z - fall),
+            0.055,
+            0.07,
+            paint=gold,
+            blend=0.06,
+        )
     pat = s.paint("butter", gloss=0.3)
     s.box("butter", (0.02, 0, z + 0.10), (0.20, 0.20, 0.08), 0.04, paint=pat, turn=(s.jitter(4), 4, 25 + s.jitter(40)))
 
@@ -83,7 +138,9 @@ def jelly(s: Sketch) -> None:
     ribs, n = s.vary(0.075, 0.2), 12
     clear = s.paint("jelly", (0.99, 0.36, 0.34), pattern=k.HEIGHT, scale=0.5, gloss=0.7, glow=0.2)
     s.frustum("jelly", (0, 0, 0.12), s.vary(0.95, 0.04), 0.88, 0.14, 0.10, paint=clear, bend=(0, ribs, n, 0))
-    s.frustum("jelly", (0, 0, 0.52), 0.86, s.vary(0.62, 0.06), 0.34, 0.12, paint=clear, bend=(0, ribs, n, 0), blend=0.06)
+    s.frustum(
+        "jelly", (0, 0, 0.52), 0.86, s.vary(0.62, 0.06), 0.34, 0.12, paint=clear, bend=(0, ribs, n, 0), blend=0.06
+    )
     s.frustum("jelly", (0, 0, 0.92), 0.56, 0.46, 0.16, 0.12, paint=clear, bend=(0, ribs, n, 0), blend=0.10)
     s.ball("jelly", (0, 0, 1.22), 0.26, paint=clear, cut=True, blend=0.10)
 
@@ -101,7 +158,15 @@ def cake(s: Sketch) -> None:
     for i in range(15):
         theta = 2 * math.pi * i / 15
         c, sn = 0.79 * math.cos(theta), 0.79 * math.sin(theta)
-        s.limb("icing", (c, sn, z - 0.02), (c, sn, z - 0.20 - 0.16 * abs(s.scatter())), 0.075, 0.065, paint=icing, blend=0.06)
+        s.limb(
+            "icing",
+            (c, sn, z - 0.02),
+            (c, sn, z - 0.20 - 0.16 * abs(s.scatter())),
+            0.075,
+            0.065,
+            paint=icing,
+            blend=0.06,
+        )
     for i in range(8):
         theta = 2 * math.pi * (i + 0.5) / 8
         c, sn = 0.58 * math.cos(theta), 0.58 * math.sin(theta)
@@ -136,20 +201,17 @@ def ice_cream(s: Sketch) -> None:
         theta = 2 * math.pi * i / 8
         c, sn = math.cos(theta), math.sin(theta)
         low = 1.76 - 0.14 * abs(s.scatter())
-        s.limb("sauce", (0.36 * c + 0.02, 0.36 * sn + 0.02, 1.88), (0.42 * c + 0.02, 0.42 * sn + 0.02, low), 0.055, 0.05, paint=sauce, blend=0.05)
+        s.limb(
+            "sauce",
+            (0.36 * c + 0.02, 0.36 * sn + 0.02, 1.88),
+            (0.42 * c + 0.02, 0.42 * sn + 0.02, low),
+            0.055,
+            0.05,
+            paint=sauce,
+            blend=0.05,
+        )
     s.ball("cherry", (0.02, 0.02, 2.27), 0.13, paint=s.paint("cherry", gloss=0.8))
     s.limb("stem", (0.02, 0.02, 2.36), (0.09, 0.08, 2.50), 0.015, 0.015)
-
-
-def apple(s: Sketch) -> None:
-    skin = s.paint("flesh", (0.93, 0.62, 0.18), pattern=k.HEIGHT, scale=0.75, gloss=0.5)
-    s.ellipsoid("flesh", (0, 0, 0.06), (s.vary(0.80, 0.04), s.vary(0.80, 0.04), 0.72), paint=skin)
-    s.ellipsoid("flesh", (0, 0, -0.36), (0.52, 0.52, 0.42), paint=skin, blend=0.30)
-    s.ellipsoid("flesh", (0, 0, 0.84), (0.20, 0.20, 0.26), paint=skin, cut=True, blend=0.36)
-    s.ellipsoid("flesh", (0, 0, -0.86), (0.16, 0.16, 0.16), paint=skin, cut=True, blend=0.15)
-    s.limb("stem", (0, 0, 0.48), (0.07, 0.05, 0.98), 0.03, 0.045)
-    leaf = s.paint("leaf", gloss=0.25)
-    s.ellipsoid("leaf", (-0.10, 0.24, 0.88), (0.13, 0.26, 0.035), paint=leaf, turn=(22, 8, 25 + s.jitter(30)))
 
 
 def donut(s: Sketch) -> None:
@@ -173,80 +235,77 @@ def _cross(a, b):
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-def pumpkin(s: Sketch) -> None:
-    skin = s.paint("flesh", (0.80, 0.36, 0.06), pattern=k.HEIGHT, scale=0.9, gloss=0.2)
-    s.ellipsoid("flesh", (0, 0, 0), (s.vary(0.92, 0.03), 0.92, s.vary(0.70, 0.08)), paint=skin, bend=(0, 0.07, 10, 0))
-    s.ellipsoid("flesh", (0, 0, 0.80), (0.22, 0.22, 0.20), paint=skin, cut=True, blend=0.25)
-    s.limb("stem", (0, 0, 0.50), (0.06, 0.05, 0.82), 0.12, 0.075, bend=(0, 0.12, 5, 0))
-    s.limb("stem", (0.06, 0.05, 0.82), (0.18, 0.12, 0.95), 0.078, 0.065, blend=0.05)
-
-
-def mushroom(s: Sketch) -> None:
-    s.frustum("stalk", (0, 0, 0.40), s.vary(0.34, 0.1), 0.24, 0.42, 0.10, paint=s.paint("stalk", (0.90, 0.84, 0.72), pattern=k.HEIGHT, scale=0.4))
-    s.torus("stalk", (0, 0, 0.62), 0.26, 0.045, blend=0.05, bend=(0.02, 0.0, 8, 0.03))
-    top = s.vary(0.62, 0.08)
-    s.disc("gills", (0, 0, 0.83), 0.78, 0.05, 0.04)
-    s.dome("cap", (0, 0, 0.82), (0.90, 0.90, top), 0.10, paint=s.paint("cap", gloss=0.5))
-    for i in range(15):
-        rho, theta = 0.86 * math.sqrt((i + 0.3) / 15), GOLDEN * i
-        x, y, h = rho * math.cos(theta), rho * math.sin(theta), math.sqrt(1 - rho * rho)
-        tilt = math.degrees(math.atan2(rho / 0.9, h / top))
-        size = 0.12 - 0.05 * rho
-        s.ellipsoid("spots", (0.89 * x, 0.89 * y, 0.82 + 0.99 * h * top), (size, size, 0.035), turn=(0, tilt, math.degrees(theta)))
-
-
 RED: RGB = (0.85, 0.12, 0.12)
 RECIPES = (
-    Recipe("burger", ("hamburger", "cheeseburger", "cheese burger"), "{} burger", (
-        Part("bun", "bun", (0.86, 0.52, 0.20), ("bread",)),
-        Part("patty", "patty", (0.40, 0.20, 0.10), ("meat", "beef", "steak")),
-        Part("cheese", "cheese", (1.00, 0.74, 0.12), ("cheddar",)),
-        Part("lettuce", "lettuce", (0.36, 0.70, 0.18), ("salad", "leaf")),
-        Part("tomato", "apple", (0.88, 0.18, 0.12), ("ketchup",)),
-        Part("sesame", "bun", (0.99, 0.92, 0.72), ("seed", "sesame seed"), feature=True),
-    ), burger),
-    Recipe("pancakes", ("pancake", "pancake stack", "stack of pancake", "pile of pancake"), "stack of {} pancakes", (
-        Part("pancake", "pancake", (0.80, 0.50, 0.20)),
-        Part("syrup", "syrup", (0.58, 0.26, 0.04), ("maple syrup", "sauce", "honey")),
-        Part("butter", "butter", (1.00, 0.90, 0.45), ("pat", "pat of butter")),
-    ), pancakes),
-    Recipe("jelly", ("jello", "gelatin", "jelly pudding", "pudding", "jelly mould", "jelly mold"), "{} jelly pudding", (
-        Part("jelly", "jelly", (0.93, 0.16, 0.22)),
-    ), jelly),
-    Recipe("cake", ("birthday cake", "layer cake", "sponge cake", "gateau"), "{} birthday cake", (
-        Part("sponge", "cake", (0.90, 0.68, 0.36), ("layer", "base")),
-        Part("filling", "cream", (0.92, 0.30, 0.38), ("jam",)),
-        Part("icing", "cream", (1.00, 0.80, 0.84), ("frosting", "glaze", "topping")),
-        Part("cream", "cream", (1.00, 0.97, 0.92), ("rosette", "whipped cream")),
-        Part("cherry", "apple", RED, ("berry", "fruit"), feature=True),
-        Part("candle", "wax", (0.98, 0.96, 0.92), feature=True),
-        Part("flame", "wax", (1.00, 0.78, 0.20), ("fire",), feature=True),
-    ), cake),
-    Recipe("ice cream", ("icecream", "ice cream cone", "icecream cone", "gelato", "sundae", "soft serve"), "{} ice cream cone", (
-        Part("scoop", "icecream", (0.99, 0.92, 0.76), ("ball", "top")),
-        Part("cone", "bread", (0.90, 0.66, 0.34), ("waffle", "wafer", "waffle cone")),
-        Part("sauce", "chocolate", (0.36, 0.18, 0.10), ("topping", "syrup")),
-        Part("cherry", "apple", RED, feature=True),
-        Part("stem", "apple", (0.40, 0.30, 0.14), ("cherry stem",), feature=True),
-    ), ice_cream),
-    Recipe("apple", (), "{} apple", (
-        Part("flesh", "apple", (0.84, 0.12, 0.10), ("skin", "fruit")),
-        Part("stem", "wood", (0.42, 0.27, 0.14), ("stalk",), feature=True),
-        Part("leaf", "lettuce", (0.36, 0.66, 0.20), feature=True),
-    ), apple),
-    Recipe("donut", ("doughnut",), "{} donut", (
-        Part("dough", "cake", (0.80, 0.50, 0.22), ("ring", "base")),
-        Part("icing", "chocolate", (0.97, 0.56, 0.70), ("frosting", "glaze", "topping")),
-        Part("sprinkles", "chocolate", (0.98, 0.90, 0.35), ("sprinkle",), feature=True),
-    ), donut),
-    Recipe("pumpkin", ("gourd",), "{} pumpkin", (
-        Part("flesh", "apple", (0.95, 0.53, 0.10), ("skin",)),
-        Part("stem", "wood", (0.42, 0.46, 0.20), ("stalk",), feature=True),
-    ), pumpkin),
-    Recipe("mushroom", ("toadstool",), "{} mushroom", (
-        Part("cap", "sponge", (0.86, 0.14, 0.12), ("hat", "top")),
-        Part("stalk", "sponge", (0.98, 0.95, 0.87), ("stem", "foot")),
-        Part("gills", "sponge", (0.92, 0.84, 0.70), ("gill",)),
-        Part("spots", "sponge", (0.99, 0.97, 0.93), ("spot", "dot"), feature=True),
-    ), mushroom),
+    Recipe(
+        "burger",
+        ("hamburger", "cheeseburger", "cheese burger"),
+        "{} burger",
+        (
+            Part("bun", "bun", (0.86, 0.52, 0.20), ("bread",)),
+            Part("patty", "patty", (0.40, 0.20, 0.10), ("meat", "beef", "steak")),
+            Part("cheese", "cheese", (1.00, 0.74, 0.12), ("cheddar",)),
+            Part("lettuce", "lettuce", (0.36, 0.70, 0.18), ("salad", "leaf")),
+            Part("tomato", "apple", (0.88, 0.18, 0.12), ("ketchup",)),
+            Part("sesame", "bun", (0.99, 0.92, 0.72), ("seed", "sesame seed"), feature=True),
+        ),
+        burger,
+    ),
+    Recipe(
+        "pancakes",
+        ("pancake", "pancake stack", "stack of pancake", "pile of pancake"),
+        "stack of {} pancakes",
+        (
+            Part("pancake", "pancake", (0.80, 0.50, 0.20)),
+            Part("syrup", "syrup", (0.58, 0.26, 0.04), ("maple syrup", "sauce", "honey")),
+            Part("butter", "butter", (1.00, 0.90, 0.45), ("pat", "pat of butter")),
+        ),
+        pancakes,
+    ),
+    Recipe(
+        "jelly",
+        ("jello", "gelatin", "jelly pudding", "pudding", "jelly mould", "jelly mold"),
+        "{} jelly pudding",
+        (Part("jelly", "jelly", (0.93, 0.16, 0.22)),),
+        jelly,
+    ),
+    Recipe(
+        "cake",
+        ("birthday cake", "layer cake", "sponge cake", "gateau"),
+        "{} birthday cake",
+        (
+            Part("sponge", "cake", (0.90, 0.68, 0.36), ("layer", "base")),
+            Part("filling", "cream", (0.92, 0.30, 0.38), ("jam",)),
+            Part("icing", "cream", (1.00, 0.80, 0.84), ("frosting", "glaze", "topping")),
+            Part("cream", "cream", (1.00, 0.97, 0.92), ("rosette", "whipped cream")),
+            Part("cherry", "apple", RED, ("berry", "fruit"), feature=True),
+            Part("candle", "wax", (0.98, 0.96, 0.92), feature=True),
+            Part("flame", "wax", (1.00, 0.78, 0.20), ("fire",), feature=True),
+        ),
+        cake,
+    ),
+    Recipe(
+        "ice cream",
+        ("icecream", "ice cream cone", "icecream cone", "gelato", "sundae", "soft serve"),
+        "{} ice cream cone",
+        (
+            Part("scoop", "icecream", (0.99, 0.92, 0.76), ("ball", "top")),
+            Part("cone", "bread", (0.90, 0.66, 0.34), ("waffle", "wafer", "waffle cone")),
+            Part("sauce", "chocolate", (0.36, 0.18, 0.10), ("topping", "syrup")),
+            Part("cherry", "apple", RED, feature=True),
+            Part("stem", "apple", (0.40, 0.30, 0.14), ("cherry stem",), feature=True),
+        ),
+        ice_cream,
+    ),
+    Recipe(
+        "donut",
+        ("doughnut",),
+        "{} donut",
+        (
+            Part("dough", "cake", (0.80, 0.50, 0.22), ("ring", "base")),
+            Part("icing", "chocolate", (0.97, 0.56, 0.70), ("frosting", "glaze", "topping")),
+            Part("sprinkles", "chocolate", (0.98, 0.90, 0.35), ("sprinkle",), feature=True),
+        ),
+        donut,
+    ),
 )

@@ -26,7 +26,8 @@ def _removed(recipe: Recipe, negative: str) -> frozenset[str]:
 class Library:
     """The references component of the analytic guidance: K jittered siblings of the object that the words name.
 
-    The pictures depend on the words and the cameras alone; the seed only says, through the log-prior, which sibling is meant.
+    The pictures depend on the words and the cameras alone; the seed only says, through the log-prior, which sibling is
+    meant.
     """
 
     variants: int = 4
@@ -36,8 +37,8 @@ class Library:
     aa: int = 2
     """Rays along a side of a pixel."""
     favour: float = 1e4
-    """Log-prior of the favoured sibling over each other [nats]. Picture likelihoods of siblings differ by hundreds of nats at large
-    noise levels, so a prior that shall decide must exceed them."""
+    """Log-prior of the favoured sibling over each other [nats]. Picture likelihoods of siblings differ by hundreds of
+    nats at large noise levels, so a prior that shall decide must exceed them."""
 
     def __post_init__(self):
         if self.variants < 1:
@@ -79,7 +80,8 @@ class Library:
     def _rgba(self, look: Look, camera: Camera) -> Tensor:
         """Premultiplied pictures (C, K, H, W, 4); those of cameras seen before come from the cache.
 
-        Kept and handed out at half precision (2⁻¹¹ relative, an eighth of an 8-bit step), so that a picture is the same the second time.
+        Kept and handed out at half precision (2⁻¹¹ relative, an eighth of an 8-bit step), so that a picture is the
+        same the second time.
         """
         views, Ks = camera.viewmats.detach().cpu().numpy(), camera.Ks.detach().cpu().numpy()
         words = f"{look.subject}|{look.negative}|{look.surface}|{camera.width}x{camera.height}|{camera.viewmats.device}"
@@ -88,7 +90,10 @@ class Library:
         found = {key: self._pictures[key] for key in keys if key not in new}
         if new:
             some = camera[list(new.values())]
-            drawn = [torch.cat([rgb, a[..., None]], -1).half() for rgb, a in (self.object(look, v).render(some, self.aa) for v in range(self.variants))]
+            drawn = [
+                torch.cat([rgb, a[..., None]], -1).half()
+                for rgb, a in (self.object(look, v).render(some, self.aa) for v in range(self.variants))
+            ]
             found |= dict(zip(new, torch.stack(drawn, 1), strict=True))
         for key in keys:
             self._pictures[key] = found[key].clone() if key in new else found[key]

@@ -37,9 +37,12 @@ class Paint:
     second: RGB = WHITE
     third: RGB = WHITE
     pattern: int = PLAIN
-    """PLAIN: colour. SEGMENTS: `scale` gores about z (colour, third, second, third). NOISE: colour and second mixed by noise.
-    WAFFLE: crossing lines. FACES: a colour by axis, third beyond `scale` of the way to an edge. STRIPES: `scale` a unit along z.
-    HEIGHT: second below, colour above, over ±`scale`. RIM: colour inside, second near the radius. DOTS: second dots, `scale` a unit."""
+    """PLAIN: colour. SEGMENTS: `scale` gores about z (colour, third, second, third). NOISE: colour and second mixed by
+    noise.
+    WAFFLE: crossing lines. FACES: a colour by axis, third beyond `scale` of the way to an edge. STRIPES: `scale` a
+    unit along z.
+    HEIGHT: second below, colour above, over ±`scale`. RIM: colour inside, second near the radius. DOTS: second dots,
+    `scale` a unit."""
     scale: float = 1.0
     """Frequency or width of the pattern."""
     grain: float = 0.0
@@ -64,9 +67,11 @@ class Primitive:
     cut: bool = False
     blend: float = 0.0
     bend: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
-    """Ruffle (height of z waves at the rim), ribs (relative scallop of the radius), count of both, droop (fall of z at the rim)."""
+    """Ruffle (height of z waves at the rim), ribs (relative scallop of the radius), count of both, droop (fall of z at
+    the rim)."""
     reach: float = 0.0
-    """1.25 times the largest blend radius k of its group: a smooth union moves the surface only where both distances are below 1.25 k."""
+    """1.25 times the largest blend radius k of its group: a smooth union moves the surface only where both distances
+    are below 1.25 k."""
 
     @property
     def _extent(self) -> tuple[float, float]:
@@ -84,30 +89,34 @@ class Primitive:
 
     @property
     def _swelling(self) -> float:
-        """How far the bend moves a point of the primitive at most; z moves by (1.2)² of ruffle and droop at the farthest."""
+        """How far the bend moves a point of the primitive at most; z moves by (1.2)² of ruffle and droop at the
+        farthest."""
         ruffle, ribs, _, droop = self.bend
         return math.hypot(ribs * self._extent[0], 1.44 * (ruffle + abs(droop)))
 
     @property
     def bound(self) -> float:
-        """Radius of a ball about `at` outside which the primitive, bent and blended, does not reach."""
+        """Radius of a ball about `at` outside which the primitive, bent but not blended, does not reach."""
         wide, high = self._extent
         round_ = self.kind in (k.ELLIPSOID, k.DOME)
-        return (max(wide, high) if round_ else math.hypot(wide, high)) + self._swelling + self.reach
+        return (max(wide, high) if round_ else math.hypot(wide, high)) + self._swelling
 
     @property
     def slab(self) -> tuple[float, float, float, float]:
-        """Local z axis in the object's frame, and half the thickness of the slab about `at` that holds the primitive."""
+        """Local z axis in the object's frame, and half the thickness of the slab about `at` that holds the
+        primitive."""
         x, y, z, w = self.turn
         axis = (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y))
-        return (*axis, self._extent[1] + self._swelling + self.reach)
+        return (*axis, self._extent[1] + self._swelling)
 
     @property
     def limits(self) -> tuple[float, float, float]:
-        """1 / L with L the Lipschitz constant of the map that undoes the bend, the swelling, and where the swollen one takes over.
+        """1 / L with L the Lipschitz constant of the map that undoes the bend, the swelling, and where the swollen one
+        takes over.
 
-        Ribs scale the radius by g = 1 / (1 + e (2 |cos ½nθ| - 1)): the plane Jacobian is triangular with diagonal α = 1/(1 - e) and
-        slope τ ≤ e n α², so L ≤ (τ + √(τ² + 4α²)) / 2. Ruffle and droop shift z by f(x, y): L = (|∇f| + √(|∇f|² + 4)) / 2.
+        Ribs scale the radius by g = 1 / (1 + e (2 |cos ½nθ| - 1)): the plane Jacobian is triangular with diagonal
+        α = 1/(1 - e) and slope τ ≤ e n α², so L ≤ (τ + √(τ² + 4α²)) / 2. Ruffle and droop shift z by f(x, y):
+        L = (|∇f| + √(|∇f|² + 4)) / 2.
         """
         ruffle, ribs, count, droop = self.bend
         alpha = 1 / (1 - ribs)
@@ -147,8 +156,9 @@ def euler(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> tuple[float, float,
 class Sketch:
     """Collects the primitives of one object; every method adds one and returns nothing.
 
-    Common keywords: `paint` (the part's plain colour when left out), `turn` (degrees about x, then y, then z), `blend` (radius of the
-    smooth union with what was drawn before; 0 starts a new solid), `cut` (remove from the current solid instead of adding).
+    Common keywords: `paint` (the part's plain colour when left out), `turn` (degrees about x, then y, then z), `blend`
+    (radius of the smooth union with what was drawn before; 0 starts a new solid), `cut` (remove from the current solid
+    instead of adding).
 
     Args:
         parts: the parts that may be drawn.
@@ -241,7 +251,9 @@ class Sketch:
         axis = [e - s for s, e in zip(start, end, strict=True)]
         length = math.hypot(*axis)
         if length <= abs(r1 - r2):
-            raise ValueError(f"a limb of length {length:.3g} lies inside its thicker end; move the ends {abs(r1 - r2):.3g} apart")
+            raise ValueError(
+                f"a limb of length {length:.3g} lies inside its thicker end; move the ends {abs(r1 - r2):.3g} apart"
+            )
         self.add(k.CONE, part, start, (length, r1, r2), turn=_turned((0, 0, 1), axis), **how)
 
     def star(self, part: str, at: Vec, radius: float, inner: float, half: float, edge: float, **how) -> None:

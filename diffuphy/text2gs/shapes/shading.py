@@ -89,13 +89,16 @@ def paint(j: int, p: wp.vec3, rows: wp.array2d(dtype=wp.vec4)):
 
 
 @wp.func
-def openness(p: wp.vec3, n: wp.vec3, ids: wp.array(dtype=wp.int32), start: int, count: int, rows: wp.array2d(dtype=wp.vec4)):
-    """Share of the sky that the object leaves open, from three distances along the normal (A. Evans, SIGGRAPH 2006 course)."""
+def openness(
+    p: wp.vec3, n: wp.vec3, ids: wp.array(dtype=wp.int32), start: int, count: int, rows: wp.array2d(dtype=wp.vec4)
+):
+    """Share of the sky that the object leaves open, from three distances along the normal (A. Evans, SIGGRAPH 2006
+    course)."""
     free = float(1.0)
     weight = float(0.34)
     for i in range(3):
         step = wp.static(SKY_STEP) * (0.5 + float(i))
-        d, k = distance(p + step * n, step, ids, start, count, rows)
+        d, _k = distance(p + step * n, step, ids, start, count, rows)
         free = free - weight * wp.clamp(1.0 - d / step, 0.0, 1.0)
         weight = weight * 0.7
     return free
@@ -103,7 +106,8 @@ def openness(p: wp.vec3, n: wp.vec3, ids: wp.array(dtype=wp.int32), start: int, 
 
 @wp.func
 def shade(j: int, p: wp.vec3, n: wp.vec3, free: float, rows: wp.array2d(dtype=wp.vec4)):
-    """Paint under a fixed sky: hemisphere light through the open part of it, one wrapped key light, a painted-on highlight.
+    """Paint under a fixed sky: hemisphere light through the open part of it, one wrapped key light, a painted-on
+    highlight.
 
     Nothing depends on the view, so spherical harmonics of degree 0 can hold it.
     """

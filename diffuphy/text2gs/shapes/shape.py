@@ -1,5 +1,6 @@
 """One object of the library: where it is, what it is made of, what it looks like."""
 
+import copy
 import functools
 from dataclasses import replace
 
@@ -26,16 +27,15 @@ class Shape:
     Args:
         recipe: how to draw it.
         without: names of parts to leave out.
-        surface: `Look.surface`: material or colour words that change the colours.
         variant: 0 is the object as designed, other numbers are jittered siblings.
 
     Raises:
         ValueError: when a part is unknown or nothing would be left.
     """
 
-    def __init__(self, recipe: Recipe, without: frozenset[str] = frozenset(), surface: str = "", variant: int = 0):
+    def __init__(self, recipe: Recipe, without: frozenset[str] = frozenset(), variant: int = 0):
         names = [p.name for p in recipe.parts]
-        if unknown := (without | set(parse_surface(surface)) - {""}) - set(names):
+        if unknown := without - set(names):
             raise ValueError(f"{recipe.name} has no part {sorted(unknown)[0]!r}; its parts are: {', '.join(names)}")
         wp.init()
         sketch = Sketch(recipe.parts, without, variant, recipe.name)
@@ -43,19 +43,47 @@ class Shape:
         primitives = sketch.finished()
         drawn = {p.part for p in primitives}
         if not drawn:
-            raise ValueError(f"nothing is left of {recipe.name} without {', '.join(sorted(without))}; keep at least one part")
+            raise ValueError(
+                f"nothing is left of {recipe.name} without {', '.join(sorted(without))}; keep at least one part"
+            )
         self.name = recipe.name
         self.parts: tuple[Part, ...] = tuple(p for p in recipe.parts if p.name in drawn)
-        self.primitives: tuple[Primitive, ...] = tuple(_coloured(primitives, recipe.parts, surface))
+        self.primitives: tuple[Primitive, ...] = tuple(primitives)
         index = {p.name: i for i, p in enumerate(self.parts)}
         self._part = torch.tensor([index[p.part] for p in self.primitives] + [-1])
         self._tables: dict[str, Tensor] = {}
         self._frame = (0.0, 0.0, 0.0, 1.0)
         self._frame = self._measured()
 
+    def tinted(self, surface: str) -> "Shape":
+        """The same shape in other colours.
+
+        Args:
+            surface: `Look.surface`: material or colour words, of the whole or of parts ("sand, hat=gold").
+
+        Raises:
+            ValueError: when a part is unknown or a word changes no colours.
+        """
+        tints = parse_surface(surface)
+        named = {p.name: p for p in self.parts}
+        if unknown := set(tints) - set(named) - {""}:
+            raise ValueError(f"{self.name} has no part {sorted(unknown)[0]!r}; its parts are: {', '.join(named)}")
+        rows = []
+        for row in self.primitives:
+            part = named[row.part]
+            if part.name in tints:
+                row = replace(row, paint=tinted(row.paint, tints[part.name], part.colour, feature=False))
+            elif "" in tints:
+                row = replace(row, paint=tinted(row.paint, tints[""], self.parts[0].colour, part.feature))
+            rows.append(row)
+        other = copy.copy(self)
+        other.primitives, other._tables = tuple(rows), {}
+        return other
+
     # ------------------------------------------------------------------ questions
     def sdf(self, points: Tensor) -> tuple[Tensor, Tensor]:
-        """Signed distance (n,), a lower bound of the Euclidean one, negative inside; and the index of the nearest part (n,).
+        """Signed distance (n,), a lower bound of the Euclidean one, negative inside; and the index of the nearest part
+        (n,).
 
         Args:
             points: (n, 3), object frame.
@@ -73,14 +101,20 @@ class Shape:
         normals, colours = torch.empty_like(points), torch.empty_like(points)
         device = wp.device_from_torch(points.device)
         args = [_wrap(t, wp.vec3) for t in (points, normals, colours)]
-        wp.launch(tracer.look, dim=len(points), inputs=[*self._scene(points.device), self._all(points.device), *args], device=device)
+        wp.launch(
+            tracer.look,
+            dim=len(points),
+            inputs=[*self._scene(points.device), self._all(points.device), *args],
+            device=device,
+        )
         return normals, colours
 
     def surface(self, n: int, generator: torch.Generator | None = None) -> tuple[Tensor, Tensor]:
         """n points uniform on the outer surface (n, 3) and their shaded colours (n, 3).
 
-        Points of a thin shell |d| < ε |∇d| are uniform in volume, hence in area to first order in ε; they are then moved onto the
-        surface along the gradient. Faces where two solids touch are no surface: there d falls again beyond them.
+        Points of a thin shell |d| < ε |∇d| are uniform in volume, hence in area to first order in ε; they are then
+        moved onto the surface along the gradient. Faces where two solids touch are no surface: there d falls again
+        beyond them.
         """
         centres, cell = self._cells()
         found: list[Tensor] = []
@@ -107,7 +141,9 @@ class Shape:
         views = camera.viewmats.to(torch.float32).contiguous()
         Ks = camera.Ks.to(torch.float32).contiguous()
         for c in range(0, len(camera), VIEWS_AT_ONCE):
-            v, K, image = (_wrap(t[c : c + VIEWS_AT_ONCE], kind) for t, kind in ((views, wp.mat44), (Ks, wp.mat33), (out, wp.vec4)))
+            v, K, image = (
+                _wrap(t[c : c + VIEWS_AT_ONCE], kind) for t, kind in ((views, wp.mat44), (Ks, wp.mat33), (out, wp.vec4))
+            )
             ids = torch.empty(2 * len(v) * rows * columns * len(self.primitives), dtype=torch.int32, device=device)
             spans = torch.empty(len(v), rows * columns, 4, device=device)
             lists = [_wrap(ids, wp.int32), _wrap(spans, wp.vec4)]
@@ -128,11 +164,11 @@ class Shape:
                     p.turn,
                     p.a,
                     p.bend,
-                    [*p.limits, 0.0],
+                    [*p.limits, p.reach],
                     [*p.paint.colour, p.paint.pattern],
                     [*p.paint.second, p.paint.scale],
                     [*p.paint.third, p.paint.grain],
-                    [p.paint.gloss, p.paint.glow, p.reach, 0.0],
+                    [p.paint.gloss, p.paint.glow, 0.0, 0.0],
                 ]
                 for p in self.primitives
             ]
@@ -147,7 +183,13 @@ class Shape:
         d = torch.empty(len(points), device=points.device)
         owner = torch.empty(len(points), dtype=torch.int32, device=points.device)
         device = wp.device_from_torch(points.device)
-        args = [*self._scene(points.device), self._all(points.device), _wrap(points, wp.vec3), _wrap(d, wp.float32), _wrap(owner, wp.int32)]
+        args = [
+            *self._scene(points.device),
+            self._all(points.device),
+            _wrap(points, wp.vec3),
+            _wrap(d, wp.float32),
+            _wrap(owner, wp.int32),
+        ]
         wp.launch(tracer.query, dim=len(points), inputs=args, device=device)
         return d, owner
 
@@ -161,7 +203,7 @@ class Shape:
         """Centres (m, 3) and side of the cubes of a regular grid that the surface may cross."""
         cx, cy, cz, s = self._frame
         at = torch.tensor([p.at for p in self.primitives])
-        reach = torch.tensor([p.bound for p in self.primitives])[:, None]
+        reach = torch.tensor([p.bound + p.reach for p in self.primitives])[:, None]
         offset = torch.tensor([cx, cy, cz])
         lo, hi = (at - reach).amin(0) * s + offset, (at + reach).amax(0) * s + offset
         cell = float((hi - lo).max()) / MEASURE
@@ -173,7 +215,8 @@ class Shape:
     def _measured(self) -> tuple[float, float, float, float]:
         """The frame that centres the bounding box and makes its longest side 2.
 
-        Surface points found on a grid climb along each axis by steps of a shrinking length, each followed by a return to the surface.
+        Surface points found on a grid climb along each axis by steps of a shrinking length, each followed by a return
+        to the surface.
         """
         centres, cell = self._cells()
         p = self._settled(centres, 4)
@@ -196,21 +239,7 @@ def _wrap(t: Tensor, dtype) -> wp.array:
     return wp.from_torch(t, dtype=dtype)
 
 
-def _coloured(primitives: list[Primitive], parts: tuple[Part, ...], surface: str) -> list[Primitive]:
-    tints = parse_surface(surface)
-    named = {p.name: p for p in parts}
-    out = []
-    for p in primitives:
-        part = named[p.part]
-        if p.part in tints:
-            p = replace(p, paint=tinted(p.paint, tints[p.part], part.colour, feature=False))
-        elif "" in tints:
-            p = replace(p, paint=tinted(p.paint, tints[""], parts[0].colour, part.feature))
-        out.append(p)
-    return out
-
-
 @functools.lru_cache(maxsize=64)
 def shape(recipe: Recipe, without: frozenset[str] = frozenset(), surface: str = "", variant: int = 0) -> Shape:
     """The shape of these arguments, made once."""
-    return Shape(recipe, without, surface, variant)
+    return shape(recipe, without, "", variant).tinted(surface) if surface else Shape(recipe, without, variant)

@@ -3,10 +3,9 @@
 import math
 
 from diffuphy.text2gs.shapes import shading as k
+from diffuphy.text2gs.shapes.food import GOLDEN
 from diffuphy.text2gs.shapes.primitives import RGB, Paint, Part, Recipe, Sketch
 from diffuphy.text2gs.shapes.toys import DARK
-
-GOLDEN = 2.399963
 
 
 def snowman(s: Sketch) -> None:
@@ -14,7 +13,14 @@ def snowman(s: Sketch) -> None:
     s.ellipsoid("body", (0, 0, 0), (s.vary(0.60, 0.06), 0.60, 0.54), paint=snow)
     s.ellipsoid("body", (0, 0, 0.70), (s.vary(0.44, 0.06), 0.44, 0.41), paint=snow, blend=0.06)
     s.ellipsoid("body", (0, 0, 1.25), (0.32, 0.32, 0.31), paint=snow, blend=0.06)
-    s.limb("nose", (0.28, 0, 1.24), (0.62, 0, 1.21), 0.07, 0.015, paint=s.paint("nose", (0.85, 0.38, 0.05), pattern=k.STRIPES, scale=9.0))
+    s.limb(
+        "nose",
+        (0.28, 0, 1.24),
+        (0.62, 0, 1.21),
+        0.07,
+        0.015,
+        paint=s.paint("nose", (0.85, 0.38, 0.05), pattern=k.STRIPES, scale=9.0),
+    )
     for side in (-1, 1):
         s.ball("eyes", (0.275, side * 0.12, 1.36), 0.045)
         s.limb("arms", (0.05, side * 0.36, 0.80), (0.12, side * 0.82, 1.06), 0.034, 0.026)
@@ -46,7 +52,14 @@ def pile(s: Sketch) -> None:
     """A cone of stones at about the angle of repose, 37°."""
     base, top = 1.0, s.vary(0.74, 0.08)
     s.frustum("stone", (0, 0, 0.46 * top), 0.86 * base, 0.05, 0.46 * top, 0.04, paint=Paint((0.34, 0.32, 0.30)))
-    greys = ((0.62, 0.60, 0.57), (0.50, 0.49, 0.48), (0.70, 0.66, 0.60), (0.55, 0.48, 0.42), (0.44, 0.44, 0.46), (0.74, 0.70, 0.64))
+    greys = (
+        (0.62, 0.60, 0.57),
+        (0.50, 0.49, 0.48),
+        (0.70, 0.66, 0.60),
+        (0.55, 0.48, 0.42),
+        (0.44, 0.44, 0.46),
+        (0.74, 0.70, 0.64),
+    )
     n = 150
     for i in range(n):
         rho = math.sqrt((i + 0.5) / n) * (1 + s.scatter(0.04))
@@ -107,70 +120,84 @@ def sofa(s: Sketch) -> None:
         s.limb("frame", (-0.36, side * 0.90, 0.62), (0.38, side * 0.90, 0.62), 0.145, 0.145, paint=fabric, blend=0.06)
         s.box("cushions", (0.08, side * 0.39, 0.41), (0.36, 0.375, 0.11), 0.09, paint=seat)
         s.box("cushions", (-0.20, side * 0.39, 0.72), (0.10, 0.36, 0.25), 0.09, paint=seat, turn=(0, -10, 0))
-        s.box("pillow", (-0.02, side * 0.58, 0.68), (0.075, 0.20, 0.20), 0.07, turn=(side * 20, -14, side * -12 + s.jitter(10)))
+        s.box(
+            "pillow",
+            (-0.02, side * 0.58, 0.68),
+            (0.075, 0.20, 0.20),
+            0.07,
+            turn=(side * 20, -14, side * -12 + s.jitter(10)),
+        )
         for x in (-0.32, 0.32):
             s.frustum("legs", (x, side * 0.82, 0.0), 0.035, 0.055, 0.09, 0.01)
 
 
-def cactus(s: Sketch) -> None:
-    skin = s.paint("cactus", (0.20, 0.46, 0.22), pattern=k.NOISE, scale=3.0)
-    ribs = (0, 0.05, 9, 0)
-    s.limb("cactus", (0, 0, 0.40), (0, 0, s.vary(1.55, 0.05)), 0.25, 0.23, paint=skin, bend=ribs)
-    high = s.vary(0.95, 0.05)
-    s.limb("cactus", (0, 0.20, high - 0.15), (0, 0.48, high), 0.12, 0.13, paint=skin, blend=0.08)
-    s.limb("cactus", (0, 0.48, high), (0, 0.50, high + 0.40), 0.135, 0.12, paint=skin, blend=0.08)
-    s.limb("cactus", (0, -0.20, high + 0.10), (0, -0.44, high + 0.22), 0.11, 0.115, paint=skin, blend=0.08)
-    s.limb("cactus", (0, -0.44, high + 0.22), (0, -0.46, high + 0.50), 0.115, 0.105, paint=skin, blend=0.08)
-    for x, y, z in ((0.0, 0.0, 1.80), (0.0, 0.50, high + 0.53)):
-        for i in range(5):
-            a = 2 * math.pi * i / 5
-            s.ellipsoid("flower", (x + 0.07 * math.cos(a), y + 0.07 * math.sin(a), z), (0.065, 0.065, 0.045))
-        s.ball("flower", (x, y, z + 0.03), 0.05, paint=Paint((1.0, 0.86, 0.25)))
-    s.frustum("pot", (0, 0, 0.10), 0.32, 0.44, 0.30, 0.03)
-    s.disc("pot", (0, 0, 0.40), 0.50, 0.085, 0.03)
-    s.disc("soil", (0, 0, 0.46), 0.43, 0.05, 0.02)
-
-
-CLAY: RGB = (0.80, 0.42, 0.26)
 SAND: RGB = (0.88, 0.72, 0.46)
 RECIPES = (
-    Recipe("snowman", ("snow man", "frosty"), "{} snowman", (
-        Part("body", "snow", (0.97, 0.98, 1.00), ("head", "ball")),
-        Part("hat", "plastic", (0.13, 0.13, 0.17), ("top hat",), feature=True),
-        Part("scarf", "plush", (0.84, 0.16, 0.18), feature=True),
-        Part("nose", "apple", (0.98, 0.50, 0.10), ("carrot", "carrot nose"), feature=True),
-        Part("eyes", "stone", DARK, ("eye", "mouth", "face", "coal"), feature=True),
-        Part("buttons", "stone", DARK, ("button",), feature=True),
-        Part("arms", "wood", (0.40, 0.26, 0.14), ("arm", "stick", "hand"), feature=True),
-    ), snowman),
-    Recipe("mug", ("cup", "coffee mug", "tea cup", "teacup", "coffee cup"), "{} mug", (
-        Part("mug", "stone", (0.94, 0.93, 0.90), ("wall", "handle")),
-        Part("band", "stone", (0.22, 0.50, 0.78), ("stripe",), feature=True),
-        Part("drink", "water", (0.33, 0.19, 0.10), ("coffee", "tea", "liquid", "cocoa"), feature=True),
-    ), mug, of="drink"),
-    Recipe("gravel pile", ("pile", "heap", "gravel heap", "pile of gravel", "heap of gravel"), "pile of {} stones", (
-        Part("stone", "gravel", (0.60, 0.58, 0.55), ("rock", "pebble", "boulder")),
-    ), pile, of="stone"),
-    Recipe("mound", ("dune", "hill", "hillock", "sand dune"), "mound of {}", (
-        Part("heap", "sand", SAND, ("grain",)),
-    ), mound),
-    Recipe("castle", ("sandcastle", "sand castle", "fortress", "fort"), "{} castle", (
-        Part("walls", "sand", SAND, ("wall",)),
-        Part("keep", "sand", SAND, ("tower", "turret")),
-        Part("roofs", "sand", (0.78, 0.50, 0.28), ("roof",)),
-        Part("windows", "sand", (0.35, 0.24, 0.14), ("window", "gate", "door"), feature=True),
-        Part("flag", "plastic", (0.86, 0.16, 0.16), feature=True),
-    ), castle),
-    Recipe("sofa", ("couch", "settee"), "{} sofa", (
-        Part("frame", "foam", (0.20, 0.46, 0.52), ("arm", "back", "base")),
-        Part("cushions", "foam", (0.26, 0.56, 0.60), ("cushion", "seat")),
-        Part("pillow", "foam", (0.97, 0.72, 0.24)),
-        Part("legs", "wood", (0.45, 0.28, 0.15), ("leg", "foot", "feet"), feature=True),
-    ), sofa),
-    Recipe("cactus", (), "{} cactus", (
-        Part("cactus", "apple", (0.32, 0.62, 0.28), ("plant", "stem")),
-        Part("flower", "lettuce", (0.96, 0.42, 0.62), ("blossom", "bloom"), feature=True),
-        Part("pot", "stone", CLAY, ("flowerpot", "vase")),
-        Part("soil", "sand", (0.30, 0.20, 0.13), ("earth",)),
-    ), cactus),
+    Recipe(
+        "snowman",
+        ("snow man", "frosty"),
+        "{} snowman",
+        (
+            Part("body", "snow", (0.97, 0.98, 1.00), ("head", "ball")),
+            Part("hat", "plastic", (0.13, 0.13, 0.17), ("top hat",), feature=True),
+            Part("scarf", "plush", (0.84, 0.16, 0.18), feature=True),
+            Part("nose", "apple", (0.98, 0.50, 0.10), ("carrot", "carrot nose"), feature=True),
+            Part("eyes", "stone", DARK, ("eye", "mouth", "face", "coal"), feature=True),
+            Part("buttons", "stone", DARK, ("button",), feature=True),
+            Part("arms", "wood", (0.40, 0.26, 0.14), ("arm", "stick", "hand"), feature=True),
+        ),
+        snowman,
+    ),
+    Recipe(
+        "mug",
+        ("cup", "coffee mug", "tea cup", "teacup", "coffee cup"),
+        "{} mug",
+        (
+            Part("mug", "stone", (0.94, 0.93, 0.90), ("wall", "handle")),
+            Part("band", "stone", (0.22, 0.50, 0.78), ("stripe",), feature=True),
+            Part("drink", "water", (0.33, 0.19, 0.10), ("coffee", "tea", "liquid", "cocoa"), feature=True),
+        ),
+        mug,
+        of="drink",
+    ),
+    Recipe(
+        "gravel pile",
+        ("pile", "heap", "gravel heap", "pile of gravel", "heap of gravel"),
+        "pile of {} stones",
+        (Part("stone", "gravel", (0.60, 0.58, 0.55), ("rock", "pebble", "boulder")),),
+        pile,
+        of="stone",
+    ),
+    Recipe(
+        "mound",
+        ("dune", "hill", "hillock", "sand dune"),
+        "mound of {}",
+        (Part("heap", "sand", SAND, ("grain",)),),
+        mound,
+    ),
+    Recipe(
+        "castle",
+        ("sandcastle", "sand castle", "fortress", "fort"),
+        "{} castle",
+        (
+            Part("walls", "sand", SAND, ("wall",)),
+            Part("keep", "sand", SAND, ("tower", "turret")),
+            Part("roofs", "sand", (0.78, 0.50, 0.28), ("roof",)),
+            Part("windows", "sand", (0.35, 0.24, 0.14), ("window", "gate", "door"), feature=True),
+            Part("flag", "plastic", (0.86, 0.16, 0.16), feature=True),
+        ),
+        castle,
+    ),
+    Recipe(
+        "sofa",
+        ("couch", "settee"),
+        "{} sofa",
+        (
+            Part("frame", "foam", (0.20, 0.46, 0.52), ("arm", "back", "base")),
+            Part("cushions", "foam", (0.26, 0.56, 0.60), ("cushion", "seat")),
+            Part("pillow", "foam", (0.97, 0.72, 0.24)),
+            Part("legs", "wood", (0.45, 0.28, 0.15), ("leg", "foot", "feet"), feature=True),
+        ),
+        sofa,
+    ),
 )

@@ -70,7 +70,8 @@ TINTS = {
     "white": Tint((0.97, 0.97, 0.96)),
     "grey": Tint((0.55, 0.56, 0.58)),
 }
-"""Material and colour words that change how a thing looks. Rubber, plush, foam, plastic and the like keep the object's colours."""
+"""Material and colour words that change how a thing looks. Rubber, plush, foam, plastic and the like keep the object's
+colours."""
 
 COLOURS = ("red", "orange", "yellow", "green", "blue", "purple", "pink", "brown", "black", "white", "grey")
 """Words of `TINTS` that are colours: they recolour a material ("green jelly") and mean none themselves."""
@@ -93,7 +94,8 @@ def tint_of(phrase: str) -> Tint:
 
 
 def parse_surface(surface: str) -> dict[str, Tint]:
-    """Tints by part from `Look.surface`: "sand", "icing=chocolate", "gold, hat=green jelly"; the key "" is the whole object."""
+    """Tints by part from `Look.surface`: "sand", "icing=chocolate", "gold, hat=green jelly"; the key "" is the whole
+    object."""
     tints = {}
     for item in filter(None, (s.strip() for s in surface.split(","))):
         part, _, phrase = item.rpartition("=")

@@ -12,7 +12,9 @@ def eyes(s: Sketch, x: float, y: float, z: float, r: float, part: str = "eyes") 
     """A pair of shining eyes at (x, ±y, z)."""
     for side in (-1, 1):
         s.ball(part, (x, side * y, z), r)
-        s.ball(part, (x + 0.62 * r, side * y - 0.35 * r, z + 0.52 * r), 0.36 * r, paint=Paint((1.0, 1.0, 1.0), glow=1.0))
+        s.ball(
+            part, (x + 0.62 * r, side * y - 0.35 * r, z + 0.52 * r), 0.36 * r, paint=Paint((1.0, 1.0, 1.0), glow=1.0)
+        )
 
 
 def ball(s: Sketch) -> None:
@@ -35,8 +37,18 @@ def duck(s: Sketch) -> None:
     s.limb("body", (0.22, 0, 0.84), (0.10, 0, 0.95), 0.07, 0.02, paint=plain, blend=0.08)
     for side in (-1, 1):
         tilt = (12 * side, 14, 6 * side)
-        s.ellipsoid("wings", (-0.10, side * 0.52, -0.10), (0.36, 0.11, 0.22), turn=tilt, paint=s.paint("wings", gloss=0.35))
-        s.limb("wings", (-0.30, side * 0.55, -0.08), (-0.54, side * 0.56, 0.05), 0.13, 0.04, blend=0.10, paint=s.paint("wings", gloss=0.35))
+        s.ellipsoid(
+            "wings", (-0.10, side * 0.52, -0.10), (0.36, 0.11, 0.22), turn=tilt, paint=s.paint("wings", gloss=0.35)
+        )
+        s.limb(
+            "wings",
+            (-0.30, side * 0.55, -0.08),
+            (-0.54, side * 0.56, 0.05),
+            0.13,
+            0.04,
+            blend=0.10,
+            paint=s.paint("wings", gloss=0.35),
+        )
     s.ellipsoid("beak", (0.76, 0, 0.44), (0.20, 0.20, 0.055), turn=(0, -12, 0), paint=s.paint("beak", gloss=0.4))
     s.ellipsoid("beak", (0.72, 0, 0.385), (0.16, 0.15, 0.05), turn=(0, 8, 0), paint=s.paint("beak", gloss=0.4))
     eyes(s, 0.625, 0.20, 0.60, 0.068)
@@ -106,8 +118,22 @@ def rocket(s: Sketch) -> None:
     for i in range(3):
         theta = 2 * math.pi * i / 3 + 0.5
         c, sn = math.cos(theta), math.sin(theta)
-        s.ellipsoid("fins", (0.36 * c, 0.36 * sn, 0.16), (0.30, 0.05, 0.34), turn=(0, 0, math.degrees(theta)), paint=s.paint("fins", gloss=0.3))
-        s.limb("fins", (0.52 * c, 0.52 * sn, 0.10), (0.62 * c, 0.62 * sn, -0.24), 0.07, 0.045, blend=0.12, paint=s.paint("fins", gloss=0.3))
+        s.ellipsoid(
+            "fins",
+            (0.36 * c, 0.36 * sn, 0.16),
+            (0.30, 0.05, 0.34),
+            turn=(0, 0, math.degrees(theta)),
+            paint=s.paint("fins", gloss=0.3),
+        )
+        s.limb(
+            "fins",
+            (0.52 * c, 0.52 * sn, 0.10),
+            (0.62 * c, 0.62 * sn, -0.24),
+            0.07,
+            0.045,
+            blend=0.12,
+            paint=s.paint("fins", gloss=0.3),
+        )
     s.torus("window", (0.355, 0, 0.90), 0.125, 0.035, turn=(0, 90, 0), paint=Paint((0.70, 0.72, 0.76), gloss=0.5))
     s.ellipsoid("window", (0.335, 0, 0.90), (0.05, 0.12, 0.12), paint=s.paint("window", gloss=0.8))
     s.frustum("nozzle", (0, 0, -0.02), 0.24, 0.17, 0.10, 0.02)
@@ -115,64 +141,126 @@ def rocket(s: Sketch) -> None:
 
 
 def star(s: Sketch) -> None:
-    s.star("star", (0, 0, 0), 1.0, s.vary(0.52, 0.08), s.vary(0.26, 0.1), 0.14, turn=(90, 0, 90), paint=s.paint("star", gloss=0.5))
+    s.star(
+        "star",
+        (0, 0, 0),
+        1.0,
+        s.vary(0.52, 0.08),
+        s.vary(0.26, 0.1),
+        0.14,
+        turn=(90, 0, 90),
+        paint=s.paint("star", gloss=0.5),
+    )
     eyes(s, 0.245, 0.15, 0.10, 0.07)
     for side in (-1, 1):
         s.ellipsoid("cheeks", (0.235, side * 0.30, -0.05), (0.04, 0.075, 0.05))
     for i in range(5):
-        at = [(0.262, 0.11 * math.sin(math.radians(-60 + 30 * j)), -0.02 - 0.10 * math.cos(math.radians(-60 + 30 * j))) for j in (i, i + 1)]
+        at = [
+            (0.262, 0.11 * math.sin(math.radians(-60 + 30 * j)), -0.02 - 0.10 * math.cos(math.radians(-60 + 30 * j)))
+            for j in (i, i + 1)
+        ]
         if i < 4:
             s.limb("eyes", *at, 0.018, 0.018)
 
 
 RECIPES = (
-    Recipe("ball", ("beach ball", "beachball", "sphere", "orb"), "{} ball", (
-        Part("ball", "rubber", (0.90, 0.18, 0.15)),
-    ), ball),
-    Recipe("cube", ("box", "block", "brick", "dice", "toy block"), "{} cube", (
-        Part("cube", "rubber", (0.90, 0.24, 0.20)),
-    ), cube),
-    Recipe("duck", ("duckling", "bath duck", "duckie", "ducky"), "{} toy duck", (
-        Part("body", "rubber", (1.00, 0.82, 0.10), ("head",)),
-        Part("wings", "rubber", (0.99, 0.74, 0.06), ("wing",)),
-        Part("beak", "rubber", (0.98, 0.45, 0.06), ("bill",), feature=True),
-        Part("eyes", "rubber", DARK, ("eye",), feature=True),
-    ), duck),
-    Recipe("teddy bear", ("teddy", "bear", "stuffed bear", "plush bear"), "{} teddy bear", (
-        Part("body", "plush", (0.72, 0.47, 0.24), ("belly", "tummy")),
-        Part("head", "plush", (0.72, 0.47, 0.24)),
-        Part("ears", "plush", (0.72, 0.47, 0.24), ("ear",)),
-        Part("arms", "plush", (0.72, 0.47, 0.24), ("arm",)),
-        Part("legs", "plush", (0.72, 0.47, 0.24), ("leg", "foot", "feet")),
-        Part("tail", "plush", (0.72, 0.47, 0.24)),
-        Part("nose", "plush", DARK, feature=True),
-        Part("eyes", "plush", DARK, ("eye",), feature=True),
-        Part("bow", "plush", (0.86, 0.14, 0.16), ("bow tie", "tie"), feature=True),
-    ), teddy),
-    Recipe("bunny", ("rabbit", "bunny rabbit", "hare"), "{} bunny", (
-        Part("body", "plush", (0.93, 0.88, 0.82)),
-        Part("head", "plush", (0.93, 0.88, 0.82)),
-        Part("ears", "plush", (0.93, 0.88, 0.82), ("ear",)),
-        Part("feet", "plush", (0.93, 0.88, 0.82), ("foot", "leg", "paw")),
-        Part("tail", "plush", (1.00, 1.00, 1.00)),
-        Part("nose", "plush", (0.95, 0.45, 0.52), feature=True),
-        Part("eyes", "plush", DARK, ("eye",), feature=True),
-    ), bunny),
-    Recipe("tower", ("stack", "tower of block", "block tower", "stack of block", "stack of cube", "tower of cube", "building block"),
-           "tower of {} blocks", (
-        Part("block", "wood", (0.90, 0.62, 0.20), ("brick", "cube", "roof")),
-    ), tower, of="block"),
-    Recipe("rocket", ("spaceship", "space ship"), "{} toy rocket", (
-        Part("hull", "metal", (0.95, 0.95, 0.96), ("body",)),
-        Part("nose", "metal", (0.88, 0.16, 0.16), ("tip", "cone")),
-        Part("fins", "metal", (0.88, 0.16, 0.16), ("fin", "wing")),
-        Part("window", "glass", (0.40, 0.72, 0.95), feature=True),
-        Part("nozzle", "metal", (0.32, 0.33, 0.36), ("engine",), feature=True),
-        Part("flame", "jelly", (1.00, 0.62, 0.12), ("fire",), feature=True),
-    ), rocket),
-    Recipe("star", (), "{} star", (
-        Part("star", "jelly", (1.00, 0.80, 0.16)),
-        Part("eyes", "jelly", DARK, ("eye", "mouth", "smile", "face"), feature=True),
-        Part("cheeks", "jelly", (0.98, 0.52, 0.45), ("cheek",), feature=True),
-    ), star),
+    Recipe(
+        "ball",
+        ("beach ball", "beachball", "sphere", "orb"),
+        "{} ball",
+        (Part("ball", "rubber", (0.90, 0.18, 0.15)),),
+        ball,
+    ),
+    Recipe(
+        "cube",
+        ("box", "block", "brick", "dice", "toy block"),
+        "{} cube",
+        (Part("cube", "rubber", (0.90, 0.24, 0.20)),),
+        cube,
+    ),
+    Recipe(
+        "duck",
+        ("duckling", "bath duck", "duckie", "ducky"),
+        "{} toy duck",
+        (
+            Part("body", "rubber", (1.00, 0.82, 0.10), ("head",)),
+            Part("wings", "rubber", (0.99, 0.74, 0.06), ("wing",)),
+            Part("beak", "rubber", (0.98, 0.45, 0.06), ("bill",), feature=True),
+            Part("eyes", "rubber", DARK, ("eye",), feature=True),
+        ),
+        duck,
+    ),
+    Recipe(
+        "teddy bear",
+        ("teddy", "bear", "stuffed bear", "plush bear"),
+        "{} teddy bear",
+        (
+            Part("body", "plush", (0.72, 0.47, 0.24), ("belly", "tummy")),
+            Part("head", "plush", (0.72, 0.47, 0.24)),
+            Part("ears", "plush", (0.72, 0.47, 0.24), ("ear",)),
+            Part("arms", "plush", (0.72, 0.47, 0.24), ("arm",)),
+            Part("legs", "plush", (0.72, 0.47, 0.24), ("leg", "foot", "feet")),
+            Part("tail", "plush", (0.72, 0.47, 0.24)),
+            Part("nose", "plush", DARK, feature=True),
+            Part("eyes", "plush", DARK, ("eye",), feature=True),
+            Part("bow", "plush", (0.86, 0.14, 0.16), ("bow tie", "tie"), feature=True),
+        ),
+        teddy,
+    ),
+    Recipe(
+        "bunny",
+        ("rabbit", "bunny rabbit", "hare"),
+        "{} bunny",
+        (
+            Part("body", "plush", (0.93, 0.88, 0.82)),
+            Part("head", "plush", (0.93, 0.88, 0.82)),
+            Part("ears", "plush", (0.93, 0.88, 0.82), ("ear",)),
+            Part("feet", "plush", (0.93, 0.88, 0.82), ("foot", "leg", "paw")),
+            Part("tail", "plush", (1.00, 1.00, 1.00)),
+            Part("nose", "plush", (0.95, 0.45, 0.52), feature=True),
+            Part("eyes", "plush", DARK, ("eye",), feature=True),
+        ),
+        bunny,
+    ),
+    Recipe(
+        "tower",
+        (
+            "stack",
+            "tower of block",
+            "block tower",
+            "stack of block",
+            "stack of cube",
+            "tower of cube",
+            "building block",
+        ),
+        "tower of {} blocks",
+        (Part("block", "wood", (0.90, 0.62, 0.20), ("brick", "cube", "roof")),),
+        tower,
+        of="block",
+    ),
+    Recipe(
+        "rocket",
+        ("spaceship", "space ship"),
+        "{} toy rocket",
+        (
+            Part("hull", "metal", (0.95, 0.95, 0.96), ("body",)),
+            Part("nose", "metal", (0.88, 0.16, 0.16), ("tip", "cone")),
+            Part("fins", "metal", (0.88, 0.16, 0.16), ("fin", "wing")),
+            Part("window", "glass", (0.40, 0.72, 0.95), feature=True),
+            Part("nozzle", "metal", (0.32, 0.33, 0.36), ("engine",), feature=True),
+            Part("flame", "jelly", (1.00, 0.62, 0.12), ("fire",), feature=True),
+        ),
+        rocket,
+    ),
+    Recipe(
+        "star",
+        (),
+        "{} star",
+        (
+            Part("star", "jelly", (1.00, 0.80, 0.16)),
+            Part("eyes", "jelly", DARK, ("eye", "mouth", "smile", "face"), feature=True),
+            Part("cheeks", "jelly", (0.98, 0.52, 0.45), ("cheek",), feature=True),
+        ),
+        star,
+    ),
 )

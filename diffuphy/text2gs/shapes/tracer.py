@@ -1,17 +1,18 @@
 """The sphere tracer and the kernels that question a table of primitives. One source for CPU and CUDA.
 
-A ray may step by a lower bound of the distance (Hart, "Sphere tracing", The Visual Computer 1996). Here cones step first: a tile of
-pixels finds which primitives its rays may meet and how far all of them may go, a pixel goes on from there, its rays from where that ended.
+A ray may step by a lower bound of the distance (Hart, "Sphere tracing", The Visual Computer 1996). Here cones step
+first: a tile of pixels finds which primitives its rays may meet and how far all of them may go, a pixel goes on from
+there, its rays from where that ended.
 """
 
 import warp as wp
 
-from diffuphy.text2gs.shapes.distance import AT, FAR, GLOSS, HIT, PROBE, clearance, distance, normal, primitive
+from diffuphy.text2gs.shapes.distance import AT, FAR, HIT, LIMITS, PROBE, clearance, distance, normal, primitive
 from diffuphy.text2gs.shapes.shading import SKY_STEP, openness, shade
 
 TILE = 8
 """Pixels along a side of the square of pixels that shares one list of primitives."""
-STEPS = 96
+STEPS = 256
 """Steps of a ray or cone at most; a ray that needs more runs along a surface and counts as a miss."""
 
 
@@ -51,11 +52,12 @@ def march_cone(
     count: int,
     rows: wp.array2d(dtype=wp.vec4),
 ):
-    """How far every ray within `spread` of the axis may go: |o + t d - p| ≤ t spread, so each may advance by r - t spread."""
+    """How far every ray within `spread` of the axis may go: |o + t d - p| ≤ t spread, so each may advance by r - t
+    spread."""
     t = near
     r = float(0.5 * FAR)
     for _step in range(wp.static(STEPS)):
-        r, j = distance(origin + t * axis, 2.0 * r + HIT, ids, start, count, rows)
+        r, _j = distance(origin + t * axis, 2.0 * r + HIT, ids, start, count, rows)
         advance = r - t * spread
         if advance < 0.2 * t * spread or t > far:
             break
@@ -64,13 +66,16 @@ def march_cone(
 
 
 @wp.func
-def cone_meets(j: int, origin: wp.vec3, axis: wp.vec3, spread: float, near: float, far: float, rows: wp.array2d(dtype=wp.vec4)):
-    """False when the cone of rays surely passes primitive j, blend included: the march of `march_cone` against it alone."""
-    reach = rows[j, wp.static(GLOSS)][2]
+def cone_meets(
+    j: int, origin: wp.vec3, axis: wp.vec3, spread: float, near: float, far: float, rows: wp.array2d(dtype=wp.vec4)
+):
+    """False when the cone of rays surely passes primitive j, blend included: the march of `march_cone` against it
+    alone."""
+    reach = rows[j, wp.static(LIMITS)][3]
     t = near
     for _step in range(wp.static(STEPS)):
         p = origin + t * axis
-        advance = wp.max(primitive(j, p, rows) - reach, clearance(j, p, rows)) - t * spread
+        advance = wp.max(primitive(j, p, rows), clearance(j, p, rows)) - reach - t * spread
         if advance < 0.1 * t * spread:
             return True
         t = t + advance
@@ -86,7 +91,9 @@ def cull(
     views: wp.array(dtype=wp.mat44),  # (C,)
     ks: wp.array(dtype=wp.mat33),  # (C,) [px]
     columns: int,
-    ids: wp.array(dtype=wp.int32),  # (C * tiles * 2 n,) two lists for every tile: what its rays may meet, what may shadow that
+    ids: wp.array(
+        dtype=wp.int32
+    ),  # (C * tiles * 2 n,) two lists for every tile: what its rays may meet, what may shadow that
     spans: wp.array2d(dtype=wp.vec4),  # (C, tiles) lengths of the lists, nearest and farthest distance along the rays
 ):
     """List for every tile the primitives that the cone of its rays may meet, and those close enough to occlude them."""
@@ -112,16 +119,17 @@ def cull(
         to = wp.vec3(o[0], o[1], o[2]) - origin
         away = wp.length(to)
         angle = wp.acos(wp.clamp(wp.dot(axis, to) / wp.max(away, 1.0e-6), -1.0, 1.0))
-        wide = o[3] + wp.static(5.0 * SKY_STEP)
+        radius = o[3] + rows[j, wp.static(LIMITS)][3]
+        wide = radius + wp.static(5.0 * SKY_STEP)
         if away <= wide or angle <= cone + wp.asin(wp.min(wide / wp.max(away, 1.0e-6), 1.0)):
             ids[start + n + around] = j
             around = around + 1
-            first = wp.max(away - o[3], 0.0)
-            if cone_meets(j, origin, axis, spread, first, away + o[3], rows):
+            first = wp.max(away - radius, 0.0)
+            if cone_meets(j, origin, axis, spread, first, away + radius, rows):
                 ids[start + count] = j
                 count = count + 1
                 near = wp.min(near, first)
-                far = wp.max(far, away + o[3])
+                far = wp.max(far, away + radius)
     if count > 0:
         near = march_cone(origin, axis, spread, near, far, ids, start, count, rows)
         if near > far:
@@ -211,6 +219,6 @@ def look(
     i = wp.tid()
     p = (points[i] - wp.vec3(frame[0], frame[1], frame[2])) / frame[3]
     n = normal(p, FAR, ids, 0, ids.shape[0], rows)
-    r, j = distance(p, FAR, ids, 0, ids.shape[0], rows)
+    _r, j = distance(p, FAR, ids, 0, ids.shape[0], rows)
     normals[i] = n
     colours[i] = shade(j, p, n, openness(p, n, ids, 0, ids.shape[0], rows), rows)
