@@ -3,9 +3,8 @@
     python benchmarks/gaussians.py                         # five objects, three minutes each at most
     python benchmarks/gaussians.py --objects burger --steps 300
 
-Held-out PSNR is the mean over cameras that the fit never saw, over white, against the library object that the fit
-chose (the
-sibling of the highest PSNR). Gaussians are those handed on: cleaned, nothing hidden. Writes
+Held-out PSNR is the mean over cameras that the fit never saw, over white, against the library object that the fit chose
+(the sibling of the highest PSNR). Gaussians are those handed on: cleaned, nothing hidden. Writes
 docs/benchmarks/gaussians.{json,md,png}.
 """
 

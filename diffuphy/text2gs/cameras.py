@@ -16,9 +16,8 @@ GOLDEN_ANGLE = 180 * (3 - math.sqrt(5))
 class Orbits:
     """A finite bank of cameras that look at the origin, spread evenly over a zone of a sphere.
 
-    sin(elevation) is stratified (equal areas), azimuth follows the golden angle, both jittered by the seed. The bank
-    is finite
-    so that a prior may remember what it has worked out for each camera.
+    sin(elevation) is stratified (equal areas), azimuth follows the golden angle, both jittered by the seed. The bank is
+    finite so that a prior may remember what it has worked out for each camera.
     """
 
     bank: int = 48

@@ -7,8 +7,7 @@ The printed rule (DiffuPhyGS, eq. 3) splits Gaussian i when g_i ≥ τ_base (1 +
 
 so it is one threshold for all, not one each: for β < 1 the vanilla rule with its threshold pushed away from the mean,
 g* = ḡ + (τ_base − ḡ)/(1 − β); for β > 1 the rule is *reversed* and splits the Gaussians with the smallest gradients;
-for β = 1
-it splits all or none. σ_g falls while a scene converges, so a fixed τ_base drifts across β = 1 in mid-run.
+for β = 1 it splits all or none. σ_g falls while a scene converges, so a fixed τ_base drifts across β = 1 in mid-run.
 """
 
 import math

@@ -21,7 +21,7 @@ class LearningRates:
     """[object units]: the object is 2 long. 5e-3 loses 0.5 dB, 1e-2 another 0.5."""
     quats: float = 4e-2
     log_scales: float = 4e-2
-    """Twice the prototype's; half as much loses 0.5 dB, half as much again gains nothing and flattens every Gaussian."""
+    """Half as much loses 0.5 dB; half as much again gains nothing and flattens every Gaussian."""
     logit_opacities: float = 1e-1
     sh: float = 5e-2
     """Base colour; 5e-2 · 0.28 moves rgb by 0.014 a step."""
@@ -67,10 +67,9 @@ class Parameters:
 
         Args:
             opaque: drift of every logit of opacity upwards, as a share of a full step of Adam. Decoupled from the
-            gradient as
-                AdamW's decay is (Loshchilov & Hutter 2019), so that it means the same for every prior and w(t): a
-                Gaussian stays
-                transparent only if the pictures ask for it with a signal-to-noise ratio m/√v above ``opaque``.
+                gradient as AdamW's decay is (Loshchilov & Hutter 2019), so that it means the same for every prior and
+                w(t): a Gaussian stays transparent only if the pictures ask for it with a signal-to-noise ratio m/√v
+                above ``opaque``.
         """
         self.age += 1
         c1, c2 = (1 - b ** self.age.to(torch.float32) for b in self.betas)
@@ -137,8 +136,7 @@ def clean(
         min_opacity: below it a Gaussian is haze.
         radius: ball around the origin [object units].
         isolation: a Gaussian farther from its 4th nearest neighbour than this many standard deviations of that
-        Gaussian's own
-            longest axis plus its median neighbour distance floats in the void.
+            Gaussian's own longest axis plus its median neighbour distance floats in the void.
     """
     x = gaussians.means.detach()
     opaque = torch.sigmoid(gaussians.logit_opacities.detach()) >= min_opacity

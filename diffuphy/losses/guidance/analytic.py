@@ -32,10 +32,9 @@ class Analytic:
         γ_k ∝ π_k exp(−‖z_t − α r_k‖² / 2(α² s² + σ²)).
 
     A memorising prior by design: with one reference and s = 0 the noise cancels, ε̂ − ε = (α/σ)(z − r), and score
-    distillation is
-    a weighted least-squares reconstruction; with several, whole-picture posteriors are nearly hard and choose one of
-    them; only
-    ``mode="patch"`` (a local score machine: Kamb & Ganguli 2024) makes objects that are in no reference.
+    distillation is a weighted least-squares reconstruction; with several, whole-picture posteriors are nearly hard and
+    choose one of them; only ``mode="patch"`` (a local score machine: Kamb & Ganguli 2024) makes objects that are in no
+    reference.
     """
 
     references: Callable[..., tuple[Tensor, Tensor | None]] | None = None

@@ -160,8 +160,7 @@ class LatentDiffusion:
         """Latents (n, C, h, w) of frames (n, H, W, 3) in [0, 1], resized to ``side``: posterior mean × scaling factor.
 
         The encoder keeps 0.4 GiB of activations for a 256 px frame; each frame is therefore encoded alone and again in
-        the
-        backward pass, which is exact and keeps one frame's at a time. It runs in float32: in float16 its gradient
+        the backward pass, which is exact and keeps one frame's at a time. It runs in float32: in float16 its gradient
         overflows.
         """
         vae = self.networks(frames.device).vae
