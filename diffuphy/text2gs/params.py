@@ -72,13 +72,13 @@ class Parameters:
                 above ``opaque``.
         """
         self.age += 1
-        c1, c2 = (1 - b ** self.age.to(torch.float32) for b in self.betas)
+        c1, c2 = (1 - b ** self.age.double() for b in self.betas)  # 1 − 0.99 would lose 4 digits of float32's 7
         for name, x in self.values.items():
             if (g := x.grad) is None:
                 continue
             shape = (-1, *[1] * (x.ndim - 1))
             m, v = self.m[name].lerp_(g, 1 - self.betas[0]), self.v[name].lerp_(g * g, 1 - self.betas[1])
-            update = (m / c1.view(shape)) / ((v / c2.view(shape)).sqrt_() + self.eps)
+            update = (m / c1.to(x).view(shape)) / ((v / c2.to(x).view(shape)).sqrt_() + self.eps)
             x.sub_(update * self._rate(name, x, rates) * factor)
             x.grad = None
         self.values["logit_opacities"].add_(rates.logit_opacities * factor * opaque).clamp_(max=MAX_LOGIT)
