@@ -22,7 +22,7 @@ from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.kernels import FAST, INVERTED, LEFT
 from diffuphy.mpm.scene import Scene
 from diffuphy.mpm.solver import Solver
-from diffuphy.mpm.state import REAL, Matter, Span, State, check, initial_state, make_matter, stretches
+from diffuphy.mpm.state import REAL, Matter, Rows, Span, State, check, initial_state, make_matter, stretches
 from diffuphy.types import MaterialField, SimulationDiverged, Trajectory
 
 STABLE = 0.8
@@ -55,16 +55,17 @@ class FrameReport:
 
 
 class Frame(torch.autograd.Function):
-    """One frame as a node of the graph. Only the state at its start is kept; backward runs its substeps again."""
+    """One frame as a node of the graph. Unless told otherwise only the state at its start is kept, and backward runs
+    its substeps again."""
 
     @staticmethod
     def forward(
-        ctx: Any, solver: Solver, span: Span, segment: int | None, end: State, vol: Tensor,
+        ctx: Any, solver: Solver, span: Span, replay: dict[str, Any], end: State, vol: Tensor,
         x: Tensor, v: Tensor, C: Tensor, He: Tensor, H: Tensor | None,
         w_e: Tensor, w_p: Tensor, theta: Tensor, m: Tensor,
     ) -> tuple[Tensor | None, ...]:  # fmt: skip
         """Hand out ``end``, which the solver made from the other arguments."""
-        ctx.solver, ctx.span, ctx.segment = solver, span, segment
+        ctx.solver, ctx.span, ctx.replay = solver, span, replay
         ctx.save_for_backward(x, v, C, He, H, w_e, w_p, theta, m, vol)
         return end.x, end.v, end.C, end.He, end.H
 
@@ -78,7 +79,7 @@ class Frame(torch.autograd.Function):
             ctx.span,
             State(*bars),
             ctx.needs_input_grad[10:14],
-            ctx.segment,
+            **ctx.replay,
         )
         return (None, None, None, None, None, start.x, start.v, start.C, start.He, start.H, *matter)
 
@@ -115,6 +116,7 @@ def simulate(
     dt: float | None = None,
     dt_ref: float | None = None,
     segment: int | None = None,
+    keep: bool = False,
     report: list[FrameReport] | None = None,
 ) -> Iterator[State]:
     """The states at the frames of a scene, one after the other, the initial one first.
@@ -131,6 +133,8 @@ def simulate(
         dt_ref: time over which partial plastic weights are meant [s], see ``material.rate_gate``; None takes them
             per substep. One-hot weights are the same either way.
         segment: substeps that the backward pass keeps at a time; the gradient does not depend on it.
+        keep: store every substep for the backward pass instead of running it again: 96 bytes a particle and substep in
+            float32 (132 with plasticity) for a fifth of the time of forward and backward.
         report: a list to which the report of each frame is appended.
 
     Raises:
@@ -138,6 +142,8 @@ def simulate(
         SimulationDiverged: a particle with a state that means nothing; the message names it.
     """
     check(x, vol, field)
+    if segment is not None and segment < 1:
+        raise ValueError(f"segment must be at least 1 substep, got {segment}")
     mixture = make_mixture(tuple(field.elastic), tuple(field.plastic), REAL[x.dtype])
     matter = make_matter(field, vol, mixture.params, x.dtype, grad)
     solver = Solver(mixture, scene.boundaries, scene.gravity, x.dtype, x.device)
@@ -166,20 +172,21 @@ def simulate(
         now = matter
         if dt_ref is not None and mixture.is_plastic:
             now = dataclasses.replace(matter, w_p=rate_gate(matter.w_p, field.plastic, span.dt, dt_ref).contiguous())
-        end, span, reruns = _advance(solver, state, now, span, frame, c)
+        end, kept, span, reruns = _advance(solver, state, now, span, frame, c, keep and grad)
         if report is not None:
             report.append(FrameReport(span.n_sub, span.dt, float(c.max()), speed, span.grid, reruns))
-        state = _node(solver, span, segment, end, state, now) if grad else end
+        replay = {"segment": segment, "kept": kept}
+        state = _node(solver, span, replay, end, state, now) if grad else end
         yield state
 
 
-def _node(solver: Solver, span: Span, segment: int | None, end: State, start: State, matter: Matter) -> State:
+def _node(solver: Solver, span: Span, replay: dict[str, Any], end: State, start: State, matter: Matter) -> State:
     """``end`` as a function of ``start`` and ``matter``, if anything there wants a gradient."""
     parts = (start.x, start.v, start.C, start.He, start.H, matter.w_e, matter.w_p, matter.theta, matter.m)
     if not any(t is not None and t.requires_grad for t in parts):
         return end
     parts = tuple(None if t is None else t.contiguous() for t in parts)
-    return State(*Frame.apply(solver, span, segment, end, matter.vol, *parts), end.time)
+    return State(*Frame.apply(solver, span, replay, end, matter.vol, *parts), end.time)
 
 
 def _span(scene: Scene, state: State, c: Tensor, dt: float | None) -> tuple[Span, float]:
@@ -219,15 +226,15 @@ def _span(scene: Scene, state: State, c: Tensor, dt: float | None) -> tuple[Span
 
 
 def _advance(
-    solver: Solver, state: State, matter: Matter, span: Span, frame: int, c: Tensor
-) -> tuple[State, Span, int]:
+    solver: Solver, state: State, matter: Matter, span: Span, frame: int, c: Tensor, keep: bool
+) -> tuple[State, Rows | None, Span, int]:
     """The state after a frame, in a block large enough for it.
 
     Raises:
         SimulationDiverged: naming particle, frame, place, speed, CFL number and what to change.
     """
     for reruns in range(GROWTHS + 1):
-        end, status = solver.advance(state, matter, span)
+        end, status, kept = solver.advance(state, matter, span, keep)
         finite = torch.isfinite(end.x).all(1) & torch.isfinite(end.v).all(1) & torch.isfinite(end.He).flatten(1).all(1)
         if not bool(finite.all()):
             _diverged("is not finite", int((~finite).nonzero()[0]), state, end, span, frame, c)
@@ -236,7 +243,7 @@ def _advance(
         if status[FAST]:
             _diverged("crossed more than one cell in a substep", status[FAST] - 1, state, end, span, frame, c)
         if not status[LEFT]:
-            return end, span, reruns
+            return end, kept, span, reruns
         left = status[LEFT] - 1
         span = dataclasses.replace(span, grid=span.grid.grown(4 * 2**reruns))
     _diverged("left every block of nodes", left, state, end, span, frame, c)

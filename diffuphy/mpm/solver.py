@@ -6,7 +6,6 @@ Several solvers may run in several threads; one solver may not. Nothing here dec
 
 import contextlib
 from collections.abc import Callable, Sequence
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,49 +17,10 @@ from diffuphy.mpm.adjoint import Needs, make_adjoint
 from diffuphy.mpm.boundary import Boundary, rows, signature
 from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.kernels import make_kernels
-from diffuphy.mpm.state import REAL, Matter, Span, State
+from diffuphy.mpm.state import REAL, Matter, Rows, Span, State, view
 
 SEGMENT_BYTES = 2**28
 """Memory the stored substeps of one frame may take in the backward pass before they are cut into segments [byte]."""
-
-
-class _Rows:
-    """``slots`` copies of the state of a frame below each other: row s N + p is particle p after s substeps; u
-    counts from the first."""
-
-    def __init__(self, solver: "Solver", state: State, slots: int):
-        self.n = state.x.shape[0]
-
-        def rows_of(first: Tensor) -> Tensor:
-            out = torch.empty((slots * self.n, *first.shape[1:]), dtype=first.dtype, device=first.device)
-            out[: self.n] = first.detach()
-            return out
-
-        self.u = rows_of(torch.zeros_like(state.x))
-        self.v, self.C, self.He = rows_of(state.v), rows_of(state.C), rows_of(state.He)
-        self.H = None if state.H is None else rows_of(state.H)
-        k, X = solver.kernels, state.x.detach().contiguous()
-        types = {
-            "X": (X, k.vec3),
-            "u": (self.u, k.vec3),
-            "v": (self.v, k.vec3),
-            "C": (self.C, k.mat33),
-            "He": (self.He, k.mat33),
-            "H": (self.H, k.mat33),
-        }
-        self.arrays = SimpleNamespace(**{name: solver._array(t, d) for name, (t, d) in types.items()})
-
-    def _parts(self) -> list[Tensor]:
-        return [t for t in (self.u, self.v, self.C, self.He, self.H) if t is not None]
-
-    def take(self, slot: int) -> list[Tensor]:
-        """A copy of one slot."""
-        return [t[slot * self.n : (slot + 1) * self.n].clone() for t in self._parts()]
-
-    def put(self, parts: list[Tensor]) -> None:
-        """Make ``parts`` the first slot."""
-        for t, part in zip(self._parts(), parts, strict=True):
-            t[: self.n] = part
 
 
 class Solver:
@@ -95,26 +55,34 @@ class Solver:
         self._nodes: dict[str, Tensor] = {}
 
     # ------------------------------------------------------------------ forward
-    def advance(self, state: State, matter: Matter, span: Span) -> tuple[State, list[int]]:
-        """The state after ``span``, and for each of LEFT, INVERTED, FAST one more than the index of a particle that
-        did so (0: none)."""
+    def advance(
+        self, state: State, matter: Matter, span: Span, keep: bool = False
+    ) -> tuple[State, list[int], Rows | None]:
+        """The state after ``span``; for each of LEFT, INVERTED, FAST one more than the index of a particle that did so
+        (0: none); and, if ``keep``, every state on the way, for ``advance_adjoint``."""
         with self._stream():
-            work = _Rows(self, state, slots=1)
+            work = Rows(self.kernels, state, slots=span.n_sub + 1 if keep else 1)
             status = torch.zeros(3, dtype=torch.int32, device=self.device)
-            for substep in self._forward(work, matter, span, status):
-                substep(0, 0)
-            end = State(state.x.detach() + work.u, work.v, work.C, work.He, work.H, span.end)
-            return end, status.tolist()
+            flowed = torch.empty_like(state.He) if keep and self.mixture.is_plastic else None
+            substeps = self._forward(work, matter, span, status, flowed)
+            if keep:
+                self._replay(substeps, work.n)
+            else:
+                for substep in substeps:
+                    substep(0, 0)
+            u, v, C, He, *H = work.take(span.n_sub) if keep else work.parts()
+            end = State(state.x.detach() + u, v, C, He, H[0] if H else None, span.end)
+            return end, status.tolist(), work if keep else None
 
     def _forward(
-        self, work: "_Rows", matter: Matter, span: Span, status: Tensor, flowed: Tensor | None = None
+        self, work: Rows, matter: Matter, span: Span, status: Tensor, flowed: Tensor | None = None
     ) -> list[Callable[[int, int], None]]:
         """The substeps of ``span`` as functions of the rows to read and to write."""
         k, plastic = self.kernels, self.mixture.is_plastic
         low, n, dx, dt = self._frame(span)
         grid, grid_v = self._nodal("grid", span.grid), self._nodal("grid_v", span.grid)
         a, mat = work.arrays, self._matter(matter)
-        He_out = a.He if flowed is None else self._array(flowed, k.mat33)
+        He_out = a.He if flowed is None else view(flowed, k.mat33, self.device)
         st = wp.from_torch(status)
         p2g = self._record(k.p2g, work.n, [a.X, a.u, a.v, a.C, a.He, *mat, low, dx, dt, n, 0, grid, He_out, st])
         grid_update = self._record(
@@ -139,27 +107,35 @@ class Solver:
 
     # ------------------------------------------------------------------ backward
     def advance_adjoint(
-        self, state: State, matter: Matter, span: Span, bars: State, needs: Needs, segment: int | None = None
+        self,
+        state: State,
+        matter: Matter,
+        span: Span,
+        bars: State,
+        needs: Needs,
+        *,
+        segment: int | None = None,
+        kept: Rows | None = None,
     ) -> tuple[State, tuple[Tensor | None, Tensor | None, Tensor | None, Tensor | None]]:
         """Gradients with respect to ``state`` and to (w_e, w_p, θ, m), given those with respect to the state after
         ``span``.
 
         Substeps are run again from ``state``, ``segment`` at a time, so that at most n_sub/segment + segment states
-        are in memory;
-        the result does not depend on it. By default all at once if that takes less than SEGMENT_BYTES.
+        are in memory; the result does not depend on it. By default all at once if that takes less than SEGMENT_BYTES.
 
         Args:
             bars: gradients in the fields of a state; they are overwritten.
             needs: which of w_e, w_p, θ, m want one.
+            kept: what ``advance`` kept; then nothing is run again.
         """
         per_state = state.x.shape[0] * (33 if self.mixture.is_plastic else 24) * state.x.element_size()
         if segment is None:
             fits = (span.n_sub + 1) * per_state <= SEGMENT_BYTES
             segment = span.n_sub if fits else max(1, round(span.n_sub**0.5))
-        segment = min(segment, span.n_sub)
+        segment = span.n_sub if kept is not None else min(segment, span.n_sub)
         with self._stream():
             starts = list(range(0, span.n_sub, segment))
-            work = _Rows(self, state, slots=segment + 1)
+            work = Rows(self.kernels, state, slots=segment + 1) if kept is None else kept
             flowed = torch.empty_like(state.He) if self.mixture.is_plastic else None
             status = torch.zeros(3, dtype=torch.int32, device=self.device)
             substeps = self._forward(work, matter, span, status, flowed)
@@ -177,7 +153,8 @@ class Solver:
                 if s != starts[-1]:
                     work.put(saved.pop())
                 n = min(segment, span.n_sub - s)
-                self._replay(substeps[s : s + n], work.n)
+                if kept is None:
+                    self._replay(substeps[s : s + n], work.n)
                 for i in reversed(range(n)):
                     back(s + i, i * work.n, (i + 1) * work.n)
         return bars, matter_bars  # type: ignore[return-value]
@@ -189,7 +166,7 @@ class Solver:
 
     def _backward(
         self,
-        work: "_Rows",
+        work: Rows,
         matter: Matter,
         span: Span,
         bars: State,
@@ -203,18 +180,19 @@ class Solver:
         low, n, dx, dt = self._frame(span)
         grid, grid_v, grid_bar = (self._nodal(name, span.grid) for name in ("grid", "grid_v", "grid_bar"))
         a, mat, row, kick = work.arrays, self._matter(matter), self._rows(span), self._kick(span)
-        He = a.He if flowed is None else self._array(flowed, k.mat33)
-        scratch = self._array(flowed, k.mat33) if flowed is not None else a.He
+        He = a.He if flowed is None else view(flowed, k.mat33, self.device)
+        scratch = view(flowed, k.mat33, self.device) if flowed is not None else a.He
         status = wp.zeros(3, dtype=wp.int32, device=str(self.device))
         b = [
-            self._array(bars.x, k.vec3),
-            self._array(bars.v, k.vec3),
-            self._array(bars.C, k.mat33),
-            self._array(bars.He, k.mat33),
+            view(bars.x, k.vec3, self.device),
+            view(bars.v, k.vec3, self.device),
+            view(bars.C, k.mat33, self.device),
+            view(bars.He, k.mat33, self.device),
         ]
-        H_bar = self._array(bars.H, k.mat33)
+        H_bar = view(bars.H, k.mat33, self.device)
         mb = [
-            self._array(t, d) for t, d in zip(matter_bars, (mix.w_e_t, mix.w_p_t, mix.theta_t, self.real), strict=True)
+            view(t, d, self.device)
+            for t, d in zip(matter_bars, (mix.w_e_t, mix.w_p_t, mix.theta_t, self.real), strict=True)
         ]
         N, nodes = work.n, span.grid.nodes
         p2g = self._record(k.p2g, N, [a.X, a.u, a.v, a.C, a.He, *mat, low, dx, dt, n, 0, grid, scratch, status])
@@ -266,7 +244,7 @@ class Solver:
             )
         if name == "grid":
             kept[: grid.nodes].zero_()
-        return self._array(kept, self.kernels.vec4)
+        return view(kept, self.kernels.vec4, self.device)
 
     def _matter(self, matter: Matter) -> list[wp.array]:
         mix = self.mixture
@@ -277,13 +255,7 @@ class Solver:
             (matter.m, self.real),
             (matter.vol, self.real),
         )
-        return [self._array(t, d) for t, d in pairs]
-
-    def _array(self, t: Tensor | None, dtype: Any) -> wp.array:
-        """A view of a tensor; nothing at all for an argument that the kernel never reads."""
-        if t is None:
-            return wp.zeros(0, dtype=dtype, device=str(self.device))
-        return wp.from_torch(t.detach(), dtype=dtype)
+        return [view(t, d, self.device) for t, d in pairs]
 
     def _record(self, kernel: wp.Kernel, dim: int, inputs: list[Any]) -> wp.Launch:
         return wp.launch(kernel, dim=dim, inputs=inputs, device=str(self.device), record_cmd=True)

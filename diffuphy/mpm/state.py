@@ -3,6 +3,8 @@ checked."""
 
 import math
 from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
 
 import torch
 import warp as wp
@@ -72,6 +74,52 @@ class Span:
     def end(self) -> float:
         """Time at the end [s]."""
         return self.start + self.n_sub * self.dt
+
+
+class Rows:
+    """``slots`` copies of the state of a frame below each other: row s N + p is particle p after s substeps; u
+    counts from the first."""
+
+    def __init__(self, kernels: SimpleNamespace, state: State, slots: int):
+        self.n = state.x.shape[0]
+
+        def rows_of(first: Tensor) -> Tensor:
+            out = torch.empty((slots * self.n, *first.shape[1:]), dtype=first.dtype, device=first.device)
+            out[: self.n] = first.detach()
+            return out
+
+        self.u = rows_of(torch.zeros_like(state.x))
+        self.v, self.C, self.He = rows_of(state.v), rows_of(state.C), rows_of(state.He)
+        self.H = None if state.H is None else rows_of(state.H)
+        k, X = kernels, state.x.detach().contiguous()
+        types = {
+            "X": (X, k.vec3),
+            "u": (self.u, k.vec3),
+            "v": (self.v, k.vec3),
+            "C": (self.C, k.mat33),
+            "He": (self.He, k.mat33),
+            "H": (self.H, k.mat33),
+        }
+        self.arrays = SimpleNamespace(**{name: view(t, d, X.device) for name, (t, d) in types.items()})
+
+    def parts(self) -> list[Tensor]:
+        return [t for t in (self.u, self.v, self.C, self.He, self.H) if t is not None]
+
+    def take(self, slot: int) -> list[Tensor]:
+        """A copy of one slot."""
+        return [t[slot * self.n : (slot + 1) * self.n].clone() for t in self.parts()]
+
+    def put(self, parts: list[Tensor]) -> None:
+        """Make ``parts`` the first slot."""
+        for t, part in zip(self.parts(), parts, strict=True):
+            t[: self.n] = part
+
+
+def view(t: Tensor | None, dtype: Any, device: torch.device | str) -> wp.array:
+    """A tensor as a Warp array, without a copy; nothing at all for an argument that the kernel never reads."""
+    if t is None:
+        return wp.zeros(0, dtype=dtype, device=str(device))
+    return wp.from_torch(t.detach(), dtype=dtype)
 
 
 def check(x: Tensor, vol: Tensor, field: MaterialField) -> None:

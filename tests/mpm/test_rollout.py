@@ -239,7 +239,7 @@ def test_float32_keeps_the_increments_that_its_positions_round_away():
 
 
 def test_rate_gates_make_a_blend_independent_of_the_time_step():
-    """Half von Mises, half identity: halving Δt changes the deformation by a third; with gates meant over 8 ms by 1 %."""
+    """Half von Mises, half identity: halving Δt changes the deformation by a third, with gates over 8 ms by 1 %."""
     scene, x, vol, _ = brick(dataclasses.replace(FREE, fps=25.0, frames=3))
     f = field(len(x), ("hencky",), ("identity", "von_mises"), yield_stress=20.0)
     kick = 0.5 * torch.sin(9.0 * x)
