@@ -55,6 +55,7 @@ def test_subject_material_and_verb_are_understood(text, subject, whole, verb):
         ("a cake with chocolate icing", "icing", "chocolate"),
         ("a chocolate icing cake", "icing", "chocolate"),
         ("a burger with a patty made of metal", "patty", "metal"),
+        ("a donut with chocolate frosting", "icing", "chocolate"),
         ("a mug of honey", "drink", "honey"),
         ("pancakes with honey", "syrup", "honey"),
         ("a sand snowman with a golden hat", "hat", "gold"),
@@ -177,6 +178,25 @@ def test_open_vocabulary_takes_any_noun_phrase():
     assert prompt.look.subject == "elephant"
     assert prompt.motion.materials == {"": "rubber"}
     assert prompt.motion.text == "a purple rubber elephant bouncing on the ground"
+
+
+@pytest.mark.parametrize(
+    ("text", "subject", "whole"),
+    [
+        ("a vase of flowers", "vase of flowers", "soft"),
+        ("an old boot made of jelly, 20 cm", "boot", "jelly"),
+        ("a duck boat of steel", "boat", "steel"),
+        ("a rubber burger with bacon", "burger", "rubber"),
+    ],
+)
+def test_open_vocabulary_keeps_the_head(text, subject, whole):
+    prompt = read(text, library=False)
+    assert subject in prompt.look.subject
+    assert prompt.motion.materials[""] == whole
+
+
+def test_words_passed_on_reach_the_sentence():
+    assert "bacon" in read("a burger with bacon", library=False).look.text
 
 
 @pytest.mark.parametrize("settings", [{"default_size": 0.0}, {"default_size": float("nan")}, {"style": "no place"}])

@@ -5,6 +5,7 @@ It is that of a noun phrase: words before the noun, "made of" after it, parts af
 """
 
 import functools
+import itertools
 import re
 import unicodedata
 from collections.abc import Iterable
@@ -88,6 +89,17 @@ def items_of(words: list[str], lexicon: dict[tuple[str, ...], dict[str, Any]]) -
     return out
 
 
+def means_nothing(item: Item) -> bool:
+    """Whether a word has no role and builds no sentence."""
+    return not item.roles and item.text not in (*w.FILLERS, *w.PLACES, *w.JOINS, *w.WITHOUT, "with", "of", "made")
+
+
+def is_foreign(items: list[Item]) -> bool:
+    """Whether the first noun phrase holds words that mean nothing here ("an old boot made of jelly")."""
+    phrase = itertools.takewhile(lambda i: i.text not in ("with", "made", *w.JOINS, *w.WITHOUT, *w.PLACES), items)
+    return any(map(means_nothing, phrase))
+
+
 def head_of(items: list[Item]) -> str | None:
     """Name of the object that the sentence is about: the last object word of the first noun phrase that has one."""
     found: str | None = None
@@ -167,6 +179,8 @@ class Reader:
                 self.i += 1
         elif item.text in w.PLACES:
             self._surroundings()
+        elif item.text == "of" and self.recipe is None and self._is_free(self.i + 1):
+            self.reading.unknown.append("of")
         elif item.text == "of":
             self.expecting = not self.collecting
             if self.target == "" and self.recipe is not None and self.recipe.of and not self.pending:
@@ -178,6 +192,10 @@ class Reader:
         else:
             return item.text in w.FILLERS and not item.roles
         return True
+
+    def _is_free(self, i: int) -> bool:
+        """Whether there is an item i, and it is a word without a meaning here."""
+        return i < len(self.items) and means_nothing(self.items[i])
 
     def _negation(self) -> None:
         """Read "without cheese, lettuce and onions": parts are removed, other words go to the negative prompt."""
@@ -247,7 +265,7 @@ class Reader:
             self._flush("")
             self.target, self.expecting = "", False
             r.verbs.append(roles["verb"])
-        elif "object" in roles:
+        elif "object" in roles and self.recipe is not None:
             raise ValueError(f"one object a scene: {item.text!r} is a second one beside {r.subject!r}; leave it out")
         else:
             return False

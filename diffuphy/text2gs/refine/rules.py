@@ -9,7 +9,18 @@ import difflib
 from dataclasses import dataclass
 
 from diffuphy.text2gs.refine import words as w
-from diffuphy.text2gs.refine.grammar import Item, Reader, Reading, head_of, items_of, lexicon, lexicon_of, tokens
+from diffuphy.text2gs.refine.grammar import (
+    Item,
+    Reader,
+    Reading,
+    head_of,
+    is_foreign,
+    items_of,
+    lexicon,
+    lexicon_of,
+    means_nothing,
+    tokens,
+)
 from diffuphy.text2gs.shapes.catalogue import RECIPES, WORDS
 from diffuphy.text2gs.shapes.primitives import Recipe
 from diffuphy.text2gs.shapes.tints import TINTS
@@ -80,7 +91,7 @@ class Rules:
 
     def _refined(self, spoken: list[str]) -> Prompt:
         items = items_of(spoken, lexicon())
-        name = head_of(items)
+        name = None if not self.library and is_foreign(items) else head_of(items)
         if name is None and self.library:
             raise ValueError(_no_object(items))
         if name == "gravel pile" and {i.roles.get("material") for i in items} & set(w.FINE):
@@ -117,6 +128,7 @@ class Rules:
             materials = {k: materials[k] for k in ("", *order) if k in materials}
             phrase = _phrase(recipe, named, colours, sorted(removed, key=[p.name for p in recipe.parts].index))
             surface = _surface(recipe, named, colours, order)
+            phrase += f", {' '.join(r.unknown)}" if r.unknown else ""
         else:
             materials = {"": "soft"} | named
             phrase = " ".join([*_adjectives("", named, colours), *r.unknown])
@@ -214,11 +226,7 @@ def _surface(recipe: Recipe, named: dict[str, str], colours: dict[str, str], ord
 
 
 def _no_object(items: list[Item]) -> str:
-    candidates = [
-        i.text
-        for i in items
-        if not i.roles and i.text not in w.FILLERS and i.text not in (*w.PLACES, *w.JOINS, *w.WITHOUT, "with")
-    ]
+    candidates = [i.text for i in items if means_nothing(i)]
     near = [m for c in candidates for m in difflib.get_close_matches(c, WORDS, n=3, cutoff=0.6)][:3]
     hint = f"did you mean {' or '.join(repr(m) for m in near)}? " if near else ""
     return f"no object of the library is named; {hint}it has: {', '.join(sorted(RECIPES))}; name one"

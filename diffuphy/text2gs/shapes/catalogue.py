@@ -2,10 +2,12 @@
 
 import difflib
 
-from diffuphy.text2gs.shapes import food, garden, things, toys
+from diffuphy.text2gs.shapes import food, garden, sweets, things, toys
 from diffuphy.text2gs.shapes.primitives import Recipe
 
-RECIPES: dict[str, Recipe] = {r.name: r for r in (*food.RECIPES, *garden.RECIPES, *toys.RECIPES, *things.RECIPES)}
+RECIPES: dict[str, Recipe] = {
+    r.name: r for r in (*food.RECIPES, *sweets.RECIPES, *garden.RECIPES, *toys.RECIPES, *things.RECIPES)
+}
 """Objects by canonical name."""
 
 WORDS: dict[str, str] = {w: r.name for r in RECIPES.values() for w in (r.name, *r.words)}

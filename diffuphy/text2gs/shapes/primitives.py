@@ -274,6 +274,6 @@ class Recipe:
     parts: tuple[Part, ...]
     """The pieces; the first is the main one and its material that of the whole object."""
     draw: object = field(compare=False)
-    """Function of a `Sketch` that draws the object with z up, any size and place."""
+    """Function of a `Sketch` that draws the object with z up, about two units long, at any place."""
     of: str = ""
     """Part that the words after "of" speak about ("mug of honey"); empty: the whole object."""
