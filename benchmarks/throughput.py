@@ -60,12 +60,13 @@ def measure(case: str, n: int, dtype: torch.dtype, repeat: int) -> dict[str, flo
         begin = time.process_time()
         solver.advance(state, matter, span)
         forward.append(time.process_time() - begin)
-        bars = State(
-            *(None if t is None else torch.ones_like(t) for t in (state.x, state.v, state.C, state.He, state.H))
-        )
-        begin = time.process_time()
-        solver.advance_adjoint(state, matter, span, bars, (True, True, True, True))
-        backward.append(time.process_time() - begin)
+        *_, kept = solver.advance(state, matter, span, keep=True)
+        for times, source in ((backward, None), (kept_backward, kept)):
+            parts = (state.x, state.v, state.C, state.He, state.H)
+            bars = State(*(None if t is None else torch.ones_like(t) for t in parts))
+            begin = time.process_time()
+            solver.advance_adjoint(state, matter, span, bars, (True, True, True, True), kept=source)
+            times.append(time.process_time() - begin)
     return {
         "case": case,
         "particles": n,
