@@ -19,7 +19,7 @@ import torch
 from diffuphy.fit_material import FitMaterial
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.losses.velocity import Velocity
-from diffuphy.material import PRESETS
+from diffuphy.material.presets import lookup
 from diffuphy.mpm.sample import Sample
 from diffuphy.text2gs.shapes import Library
 from diffuphy.types import Gaussians, Look, MaterialField, Motion
@@ -28,7 +28,7 @@ from diffuphy.workspace import Workspace
 PLASTIC = ("identity", "von_mises", "drucker_prager", "fluid")
 
 
-def dressed(subject: str, *, count: int = 3000, seed: int = 0) -> tuple[Look, Gaussians]:
+def dressed(subject: str, *, count: int = 8000, seed: int = 0) -> tuple[Look, Gaussians]:
     """A library object as Gaussians on its surface, round, opaque, in the object's colours."""
     look = Look(subject, f"a {subject}")
     points, colors = Library().object(look).surface(count, torch.Generator().manual_seed(seed))
@@ -60,7 +60,7 @@ def weights(field: MaterialField) -> dict[str, float]:
 
 def stiffness(steps: int) -> list[dict]:
     """log10 E of a rubber burger from three starts, without a scan."""
-    preset = PRESETS["rubber"]
+    preset = lookup("rubber")
     truth = torch.tensor(preset.E).log10().item()
     rows = []
     for start in (truth - 1.9, truth - 1.0, min(truth + 0.7, 6.2)):
@@ -77,7 +77,7 @@ def experts(steps: int) -> list[dict]:
     """The right plastic expert for four balls, two seeds each."""
     rows = []
     for material in ("jelly", "plasticine", "sand", "water"):
-        preset = PRESETS[material]
+        preset = lookup(material)
         for seed in (0, 1):
             field, _, seconds = fit("ball", material, elastic=(preset.elastic,), plastic=PLASTIC, steps=steps, seed=seed)
             found = weights(field)
@@ -90,7 +90,7 @@ def experts(steps: int) -> list[dict]:
 
 
 def gravel(steps: int) -> list[dict]:
-    preset = PRESETS["gravel"]
+    preset = lookup("gravel")
     field, _, seconds = fit("gravel pile", "gravel", elastic=(preset.elastic,), plastic=PLASTIC, steps=steps)
     print(f"gravel {weights(field)}  {seconds:.0f} s")
     return [{"found": weights(field), "seconds": seconds}]

@@ -22,7 +22,7 @@ from diffuphy.losses.velocity import Velocity
 from diffuphy.material import ELASTIC, PLASTIC, Param
 from diffuphy.material.decoder import bounded, inside
 from diffuphy.material.encoder import Points, features
-from diffuphy.material.field import Hypothesis, harden, prune, take, warm_start
+from diffuphy.material.field import Hypothesis, harden, prune, warm_start
 from diffuphy.material.net import MaterialNet, Net
 from diffuphy.material.patches import color_clusters, nearest
 from diffuphy.probe import Bench, Probe, TableClips, table_field
@@ -232,7 +232,7 @@ class FitMaterial:
                 norm = torch.nn.utils.clip_grad_norm_([*net.parameters(), shift], 1.0, error_if_nonfinite=True)
                 optimiser.step()
                 bar.update()
-                work.log(step, loss=float(distilled), total=float(loss), grad=float(norm), **summary(field))
+                work.log(step, loss=distilled.item(), total=loss.item(), grad=norm.item(), **summary(field))
                 if work.due() or step + 1 == self.steps:
                     work.save(
                         {
@@ -364,4 +364,4 @@ def covariance(gaussians: Gaussians) -> Tensor:
     return (R * (2 * gaussians.log_scales).exp()[:, None, :]) @ R.mT
 
 
-__all__ = ["FitMaterial", "take"]
+

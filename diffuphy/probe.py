@@ -13,7 +13,8 @@ import torch
 from torch import Tensor
 
 from diffuphy.material import presets, rate_gate, wave_speed
-from diffuphy.mpm import HalfSpace, Scene, coarsen, rollout
+from diffuphy.mpm import HalfSpace, Scene, rollout
+from diffuphy.mpm.sample import coarsen
 from diffuphy.render import Skin, look_at, render_gaussians
 from diffuphy.types import Camera, Gaussians, Look, MaterialField, Motion, Particles, Trajectory
 

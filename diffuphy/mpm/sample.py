@@ -57,8 +57,9 @@ class Sample:
     """Connected pieces with less than this share of the opaque Gaussians are dropped [-]."""
     fill: Literal["interior", "none"] = "interior"
     """Whether what is enclosed becomes solid."""
-    seal: int = 1
-    """Holes in a shell up to twice this wide are closed while deciding what is enclosed [lattice cells]."""
+    seal: float = 0.1
+    """Holes in a shell up to this share of the longest side are closed while deciding what is enclosed [-]: cameras never see
+    every part of a body, and a mug is open much wider."""
     jitter: float = 0.5
     """Range of the random shift of filler particles [lattice cells]; breaks the pattern of a lattice on a grid."""
     max_particles: int = 20_000
@@ -86,8 +87,8 @@ class Sample:
                 f"fill must be 'interior' or 'none' and when_full 'coarsen' or 'error', got {self.fill!r} and "
                 f"{self.when_full!r}"
             )
-        if self.seal < 0:
-            raise ValueError(f"seal must not be negative, got {self.seal}")
+        if not 0.0 <= self.seal < 1.0:
+            raise ValueError(f"seal must be in [0, 1), a share of the longest side, got {self.seal}")
 
     def __call__(self, gaussians: Gaussians, motion: Motion, *, work: Workspace) -> Particles:
         """Particles of an object whose longest opaque side is ``motion.size`` metres.
@@ -168,7 +169,8 @@ class Sample:
         """Matter on a lattice that is coarse enough."""
         h = size / self.cells / self.per_cell ** (1 / 3)
         for _ in range(12):
-            solid = self._matter(Lattice.around(x[keep], h, margin=self.seal + 4), g, x, opaque, keep, scale)
+            seal = math.ceil(0.5 * self.seal * size / h)
+            solid = self._matter(Lattice.around(x[keep], h, margin=seal + 4), g, x, opaque, keep, scale, seal)
             if len(solid.cells) <= self.max_particles:
                 return solid
             if self.when_full == "error":
@@ -180,14 +182,17 @@ class Sample:
             h *= 1.02 * (len(solid.cells) / self.max_particles) ** (1 / 3)
         raise ValueError(f"no lattice makes {self.max_particles} particles of this object; raise max_particles")
 
-    def _matter(self, lattice: Lattice, g: Gaussians, x: Tensor, opaque: Tensor, keep: Tensor, scale: float) -> _Solid:
+    def _matter(
+        self, lattice: Lattice, g: Gaussians, x: Tensor, opaque: Tensor, keep: Tensor, scale: float, seal: int
+    ) -> _Solid:
+        """Dense cells and, with ``fill="interior"``, those that they enclose when holes of 2 ``seal`` cells are closed."""
         dense = (
             density(lattice, x[keep], g.quats[keep], scale * g.log_scales[keep].double().exp(), opaque[keep])
             >= self.threshold
         )
         home = lattice.cell(x[keep])
         dense[home[:, 0], home[:, 1], home[:, 2]] = True
-        free = outside(dense, self.seal) if self.fill == "interior" else ~dense
+        free = outside(dense, seal) if self.fill == "interior" else ~dense
         cells = (~free).nonzero()
         i, j, k = cells.unbind(1)
         return _Solid(lattice, cells, ~dense[i, j, k])

@@ -1,0 +1,172 @@
+"""The material stage: scan, train through the whole gradient path, harden; resumable to the last bit."""
+
+import dataclasses
+
+import pytest
+import torch
+
+from diffuphy.fit_material import FitMaterial, appearance, covariance
+from diffuphy.losses.guidance.analytic import Analytic
+from diffuphy.losses.velocity import Velocity
+from diffuphy.material.net import Net
+from diffuphy.probe import Probe, TableClips, table_field
+from diffuphy.types import Gaussians, Look, Motion, Particles
+from diffuphy.workspace import Workspace
+
+LOOK = Look("ball", "a ball")
+
+
+def ball(n=9, size=0.4):
+    """A ball on a lattice, each particle carrying one Gaussian; striped so that turning is seen."""
+    a = (torch.arange(n) + 0.5) / n * 2 - 1
+    grid = torch.cartesian_prod(a, a, a)
+    means = grid[grid.norm(dim=1) < 1]
+    stripes = (torch.sin(7 * means[:, 2:]) > 0).float()
+    rgb = stripes * torch.tensor([0.9, 0.3, 0.2]) + (1 - stripes) * torch.tensor([0.95, 0.8, 0.3])
+    G = len(means)
+    gaussians = Gaussians(
+        means,
+        torch.tensor([1.0, 0, 0, 0]).repeat(G, 1),
+        torch.full((G, 3), -2.2),
+        torch.full((G,), 3.0),
+        ((rgb - 0.5) / 0.28209479)[:, None, :],
+    )
+    h = size / n
+    particles = Particles(means * size / 2, torch.full((G,), h**3), torch.arange(G), size / 2, (0.0, 0.0, 0.0), h)
+    return gaussians, particles
+
+
+PROBE = Probe(particles=200, frames=5, image=32)
+NET = Net(groups=12, group_size=12, width=16, depth=1, heads=2)
+
+
+def stage(**settings):
+    defaults = {"elastic": ("neo_hookean",), "plastic": ("identity",), "net": NET, "probe": PROBE, "scan_frames": 4, "stiffness_steps": 3, "steps": 3}
+    return FitMaterial(guidance=Analytic(layout="clip", s=0.0), **(defaults | settings))
+
+
+def run(component, material="rubber", work=None):
+    gaussians, particles = ball()
+    motion = Motion("falling", f"a {material} ball falling", {"": material}, 0.4)
+    return component(LOOK, motion, gaussians, particles, work=work or Workspace())
+
+
+def test_field_covers_all_particles_and_is_one_hot():
+    field = run(stage(plastic=("identity", "von_mises")))
+    _, particles = ball()
+    assert len(field) == len(particles)
+    for w in (field.w_e, field.w_p):
+        assert torch.equal(w.sum(1), torch.ones(len(field))) and torch.equal(w.amax(1), torch.ones(len(field)))
+
+
+def test_scan_finds_the_stiffness_of_the_reference_within_its_grid():
+    """With a grid of 3 over [3.6, 6.2] the nearest value to jelly's log10 E = 4.48 is 4.9."""
+    field = run(stage(steps=0, stiffness=(3.5, 6.3)), material="jelly")
+    assert float(field.theta["E"].log10().mean()) == pytest.approx(4.9, abs=1e-3)
+
+
+def test_training_moves_the_stiffness_towards_the_reference():
+    """From a tenth of the truth, and from ten times it, without a scan."""
+    from diffuphy.material.presets import lookup
+
+    truth = torch.tensor(lookup("rubber").E).log10().item()
+    for start in (truth - 0.6, truth + 0.6):
+        field = run(stage(stiffness_steps=0, start=start, steps=6, lr_region=0.15, stiffness=(3.5, 7.0)))
+        assert abs(float(field.theta["E"].log10().mean()) - truth) < 0.9 * 0.6
+
+
+def test_interrupted_training_continues_to_the_same_bits(tmp_path):
+    whole = run(stage(steps=4, plastic=("identity", "von_mises")))
+    component = stage(steps=4, plastic=("identity", "von_mises"))
+
+    class Stop(Workspace):
+        def due(self):
+            return True
+
+        def save(self, state):
+            super().save(state)
+            if state["step"] == 2:
+                raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(component, work=Stop(tmp_path, progress=False))
+    resumed = run(component, work=Workspace(tmp_path, progress=False))
+    for name in whole.theta:
+        assert torch.equal(whole.theta[name], resumed.theta[name])
+    assert torch.equal(whole.w_p, resumed.w_p)
+
+
+def test_gradient_reaches_every_weight_of_the_network():
+    """Pixels → Gaussians → trajectory → MPM adjoint → decoder → encoder: no parameter is cut off."""
+    from diffuphy.fit_material import Conditions, Hypothesis, table_values, warm_start
+
+    gaussians, particles = ball()
+    motion = Motion("falling", "x", {"": "rubber"}, 0.4)
+    component = stage(plastic=("identity", "von_mises"))
+    bench = PROBE.bench(gaussians, particles, 0.4)
+    table = component._candidates(table_field(None, LOOK, motion, bench.draft))
+    theta, rho = table_values(table, torch.ones(len(bench.draft), dtype=torch.bool))
+    labels = torch.zeros(len(bench.draft), dtype=torch.long)
+    start = warm_start(("neo_hookean",), ("identity", "von_mises"), labels, [Hypothesis(None, None, theta | {"E": 1e5}, rho)])
+    net = NET.build(appearance(gaussians, bench.draft), start, [component._param_E()])
+    torch.nn.init.normal_(net.decoder.head[-1].weight, std=1e-3)  # the zero head would stop the gradient behind it
+    cond = Conditions(component._guidance(LOOK, motion, gaussians, particles), motion, bench)
+    clip = bench.clip(component._field(net, torch.zeros(1), labels), 4, gate_time=1 / 30)
+    cond.distil(clip, t=0.5, noise=cond.fixed_noise(clip), weight="x0").backward()
+    assert all(p.grad is not None and float(p.grad.abs().max()) > 0 for p in net.parameters())
+
+
+@pytest.mark.parametrize("form", ["literal", "consistent", "momentum"])
+def test_every_velocity_loss_runs_and_its_value_is_finite(form):
+    field = run(stage(velocity=Velocity(form, 1e-3), steps=1))
+    assert bool(torch.isfinite(field.theta["E"]).all())
+
+
+def test_reference_clips_are_another_draw_of_particles():
+    gaussians, particles = ball()
+    motion = Motion("falling", "x", {"": "rubber"}, 0.4)
+    guidance = stage()._guidance(LOOK, motion, gaussians, particles)
+    assert isinstance(guidance.references, TableClips)
+    mine = PROBE.bench(gaussians, particles, 0.4)
+    assert guidance.references.bench.draft.x.shape != mine.draft.x.shape or not torch.equal(guidance.references.bench.draft.x, mine.draft.x)
+
+
+def test_a_real_prior_keeps_its_own_references():
+    class Film:
+        layout = "clip"
+
+    component = dataclasses.replace(stage(), guidance=Film())
+    assert component._guidance(LOOK, Motion("falling", "x", {"": "rubber"}), *ball()) is component.guidance
+
+
+def test_table_needs_its_expert_among_the_candidates():
+    with pytest.raises(ValueError, match="drucker_prager"):
+        run(stage(elastic=("hencky",), plastic=("identity",)), material="sand")
+
+
+def test_appearance_of_filler_is_that_of_the_nearest_gaussian():
+    gaussians, particles = ball()
+    particles = dataclasses.replace(particles, gaussian=torch.where(torch.arange(len(particles)) == 7, -1, particles.gaussian))
+    own = appearance(gaussians, ball()[1])
+    assert torch.equal(appearance(gaussians, particles).f, own.f)
+
+
+def test_covariance_is_that_of_the_rotated_axes():
+    """R diag(s²) Rᵀ for a quarter turn about z exchanges x and y."""
+    q = torch.tensor([[2**-0.5, 0, 0, 2**-0.5]])
+    g = Gaussians(torch.zeros(1, 3), q, torch.tensor([[1.0, 2.0, 3.0]]).log(), torch.zeros(1), torch.zeros(1, 1, 3))
+    torch.testing.assert_close(covariance(g)[0], torch.diag(torch.tensor([4.0, 1.0, 9.0])), atol=1e-5, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"stiffness": (6.0, 4.0)}, "lo < hi"),
+        ({"start": 9.0}, "inside"),
+        ({"steps": -1}, "≥ 0"),
+        ({"scan_frames": 99}, "probe.frames"),
+    ],
+)
+def test_bad_settings_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
+        stage(**settings)
