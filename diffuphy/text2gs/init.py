@@ -54,7 +54,7 @@ class SurfaceCloud:
             raise ValueError(f"noise must not be negative, got {self.noise}")
 
     def __call__(self, look: Look, guidance: Any, generator: torch.Generator, sh_degree: int = 0) -> Gaussians:
-        library = getattr(guidance, "references", None)
+        library: Any = getattr(guidance, "references", None)
         if not hasattr(library, "object"):
             return Ball(self.count, opacity=self.opacity)(look, guidance, generator, sh_degree)
         points, colours = library.object(look).surface(self.count, generator)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -118,7 +119,7 @@ class Parameters:
         return {"values": dict(self.values), "m": dict(self.m), "v": dict(self.v), "age": self.age}
 
     @classmethod
-    def restored(cls, state: dict[str, dict[str, Tensor] | Tensor], device: torch.device | str) -> "Parameters":
+    def restored(cls, state: dict[str, Any], device: torch.device | str) -> "Parameters":
         """What ``state()`` described, on ``device``, bit for bit."""
         values, m, v = ({n: state[k][n].to(device) for n in NAMES} for k in ("values", "m", "v"))
         self = cls(Gaussians(**values))

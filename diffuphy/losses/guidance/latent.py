@@ -4,6 +4,7 @@ guidance."""
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import torch
@@ -94,7 +95,11 @@ class LatentDiffusion:
             raise ValueError(f"cfg must not be negative, got {self.cfg}")
         if self.dtype not in ("float32", "float16", "bfloat16"):
             raise ValueError(f"dtype must be float32, float16 or bfloat16, got {self.dtype!r}")
-        object.__setattr__(self, "_memory", {})  # networks and embeddings: a cache, no setting
+
+    @cached_property
+    def _memory(self) -> dict[str, Any]:
+        """Networks and embeddings: a cache, no setting."""
+        return {}
 
     @property
     def backend(self) -> str:
