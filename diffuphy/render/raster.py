@@ -10,6 +10,7 @@ import warp as wp
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from diffuphy.compiling import load
 from diffuphy.render.image import Image
 from diffuphy.render.kernels import array, real_of, spread
 from diffuphy.render.kernels.binning import bin_by_counting, bin_by_sorting, tiling
@@ -109,9 +110,7 @@ def _spread_launch(
     """Launch ``kernel`` over ``dim``, on the CPU cut along ``axis`` into one launch a thread; the first argument is
     the start."""
     wp_device = wp.device_from_torch(device)
-    kernel.module.load(
-        wp_device, 256 if wp_device.is_cuda else 1
-    )  # before the threads, which must not compile it twice
+    load(kernel, wp_device)  # before the threads, which must not compile it twice
 
     def launch(start: int, length: int) -> None:
         part = (*dim[:axis], length, *dim[axis + 1 :])

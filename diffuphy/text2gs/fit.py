@@ -76,8 +76,6 @@ class FitGaussians:
     """Steps between preview pictures and metrics."""
     backend: Rasteriser = field(default_factory=Warp)
     """Rasteriser."""
-    device: str = field(default="cpu", metadata={"runtime": True})
-    """Where to compute."""
     seed: int = 0
     """Of everything random: start, cameras, backgrounds, times, noise, children."""
 
@@ -96,8 +94,8 @@ class FitGaussians:
     def __call__(self, look: Look, *, work: Workspace | None = None) -> Gaussians:
         """Fit Gaussians to ``look``. Interrupted and called again with the same workspace, it gives the same bits."""
         work = work or Workspace()
-        run = _Run.restored(work.load(), self.device) or _Run.started(self, look)
-        bank = self.cameras().to(self.device)
+        run = _Run.restored(work.load(), work.device) or _Run.started(self, look, work.device)
+        bank = self.cameras().to(work.device)
         bar = work.bar(self.steps, "gaussians", initial=run.step)
 
         while run.step < self.steps:
@@ -107,10 +105,10 @@ class FitGaussians:
                 self._preview(work, run)
 
             camera = bank[run.next_views(self.views, len(bank))]
-            background = self._background(g)
+            background = self._background(g).to(work.device)
             picture = render_gaussians(params.gaussians(), camera, background=background, backend=self.backend).rgb
             cond = self.guidance.condition(look, camera, background, generator=g)
-            t = self._times(step, g)
+            t = self._times(step, g).to(work.device)
             loss = sds(self.guidance, picture, cond, t=t, generator=g, weight=self.weight)
             loss.backward()
 
@@ -140,13 +138,13 @@ class FitGaussians:
     # ------------------------------------------------------------------ what is drawn at random
     def _background(self, g: torch.Generator) -> Tensor:
         colour, chance = torch.rand(3, generator=g), torch.rand((), generator=g)
-        return (colour if self.background == "random" and chance < 0.5 else torch.ones(3)).to(self.device)
+        return colour if self.background == "random" and chance < 0.5 else torch.ones(3)
 
     def _times(self, step: int, g: torch.Generator) -> Tensor:
         """Diffusion times, uniform between the two schedules: one for all views when they are judged together."""
         lo, hi = self.t_min(step, self.steps), self.t_max(step, self.steps)
         count = 1 if self.guidance.layout == "views" else self.views
-        return (lo + (hi - lo) * torch.rand(count, generator=g)).expand(self.views).to(self.device)
+        return (lo + (hi - lo) * torch.rand(count, generator=g)).expand(self.views)
 
     @torch.no_grad()
     def _preview(self, work: Workspace, run: "_Run") -> None:
@@ -154,7 +152,7 @@ class FitGaussians:
             return
         o = self.cameras
         camera = orbit([30.0, 120.0, 250.0], [15.0, 35.0, 5.0], o.distance, fov=o.fov, width=128, height=128)
-        camera, white = camera.to(self.device), torch.ones(3, device=self.device)
+        camera, white = camera.to(work.device), torch.ones(3, device=work.device)
         rgb = render_gaussians(run.params.gaussians(), camera, background=white, backend=self.backend).rgb
         work.image(f"gaussians-{run.step:05d}", torch.cat(list(rgb), 1))
 
@@ -168,9 +166,9 @@ class _Run:
         self.forget_gradients()
 
     @classmethod
-    def started(cls, fit: FitGaussians, look: Look) -> "_Run":
+    def started(cls, fit: FitGaussians, look: Look, device: str) -> "_Run":
         g = torch.Generator().manual_seed(fit.seed)
-        return cls(Parameters(fit.init(look, fit.guidance, g, fit.sh_degree).to(fit.device)), g)
+        return cls(Parameters(fit.init(look, fit.guidance, g, fit.sh_degree).to(device)), g)
 
     @classmethod
     def restored(cls, state: dict[str, Any] | None, device: str) -> "_Run | None":

@@ -99,7 +99,7 @@ def test_the_seed_decides_everything_and_settings_of_display_nothing(tmp_path):
     whole = fit(12)(LOOK)
     assert same(whole, fit(12, preview_every=5)(LOOK, work=Workspace(tmp_path)))
     assert not same(whole, fit(12, seed=1)(LOOK))
-    a, b = describe(fit()), describe(fit(preview_every=7, device="cuda"))
+    a, b = describe(fit()), describe(fit(preview_every=7))
     assert a == b and describe(fit(seed=1)) != a
 
 

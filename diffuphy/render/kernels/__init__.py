@@ -10,8 +10,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
-wp.config.log_level = wp.LOG_WARNING
-wp.init()
+import diffuphy.compiling  # noqa: F401, sets Warp up before it starts
 
 
 def real_of(dtype: torch.dtype) -> type:
