@@ -48,7 +48,9 @@ def fit(subject: str, material: str, **settings: object) -> tuple[MaterialField,
     look, gaussians = dressed(subject)
     motion = Motion("falling", f"a {material} {subject} falling", {"": material})
     particles = Sample()(gaussians, motion, work=Workspace())
-    component = FitMaterial(guidance=Analytic(layout="clip", s=0.0), library=Library(), velocity=Velocity(weight=0.0), **settings)  # type: ignore[arg-type]
+    component = FitMaterial(
+        guidance=Analytic(layout="clip", s=0.0), library=Library(), velocity=Velocity(weight=0.0), **settings
+    )  # type: ignore[arg-type]
     start = time.perf_counter()
     field = component(look, motion, gaussians, particles, work=Workspace(progress=True))
     return field, {}, time.perf_counter() - start
@@ -65,11 +67,28 @@ def stiffness(steps: int) -> list[dict]:
     rows = []
     for start in (truth - 1.9, truth - 1.0, min(truth + 0.7, 6.2)):
         field, _, seconds = fit(
-            "burger", "rubber", elastic=(preset.elastic,), plastic=("identity",), stiffness_steps=0, start=start, steps=steps
+            "burger",
+            "rubber",
+            elastic=(preset.elastic,),
+            plastic=("identity",),
+            stiffness_steps=0,
+            start=start,
+            steps=steps,
         )
         found = field.theta["E"].log10()
-        rows.append({"start": start, "truth": truth, "found": found.mean().item(), "spread": found.std().item(), "seconds": seconds})
-        print(f"start {start:.2f}  truth {truth:.2f}  found {found.mean():.3f} ± {found.std():.3f}  {seconds:.0f} s", flush=True)
+        rows.append(
+            {
+                "start": start,
+                "truth": truth,
+                "found": found.mean().item(),
+                "spread": found.std().item(),
+                "seconds": seconds,
+            }
+        )
+        print(
+            f"start {start:.2f}  truth {truth:.2f}  found {found.mean():.3f} ± {found.std():.3f}  {seconds:.0f} s",
+            flush=True,
+        )
     return rows
 
 
@@ -79,7 +98,9 @@ def experts(steps: int) -> list[dict]:
     for material in ("jelly", "plasticine", "sand", "water"):
         preset = lookup(material)
         for seed in (0, 1):
-            field, _, seconds = fit("ball", material, elastic=(preset.elastic,), plastic=PLASTIC, steps=steps, seed=seed)
+            field, _, seconds = fit(
+                "ball", material, elastic=(preset.elastic,), plastic=PLASTIC, steps=steps, seed=seed
+            )
             found = weights(field)
             best = max(found, key=found.__getitem__)
             rows.append({"material": material, "seed": seed, "truth": preset.plastic, "found": found, "seconds": seconds,
@@ -104,7 +125,11 @@ def main() -> None:
     rows = {"stiffness": stiffness, "experts": experts, "gravel": gravel}[options.what](options.steps)
     out = Path(__file__).resolve().parents[1] / "docs" / "benchmarks" / f"identify_{options.what}.json"
     out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(json.dumps({"machine": platform.processor() or platform.machine(), "steps": options.steps, "rows": rows}, indent=1))
+    out.write_text(
+        json.dumps(
+            {"machine": platform.processor() or platform.machine(), "steps": options.steps, "rows": rows}, indent=1
+        )
+    )
 
 
 if __name__ == "__main__":

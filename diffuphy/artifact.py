@@ -136,7 +136,9 @@ class Store:
         if directory not in self._digests:
             meta = json.loads((directory / "meta.json").read_text(encoding="utf-8"))
             if (found := digest(directory)) != meta["digest"]:
-                raise ValueError(f"the stored result {directory} is damaged; delete this one folder to compute it again")
+                raise ValueError(
+                    f"the stored result {directory} is damaged; delete this one folder to compute it again"
+                )
             self._digests[directory] = found
         return self._digests[directory]
 

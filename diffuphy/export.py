@@ -18,12 +18,21 @@ from diffuphy.types import Clip, Gaussians, MaterialField, Particles, Prompt
 COLD, WARM = torch.tensor([0.23, 0.30, 0.75]), torch.tensor([0.71, 0.02, 0.15])
 """Ends of the colour scale of the maps (Moreland 2009, cool–warm)."""
 EXPERT_COLORS = torch.tensor(
-    [[0.27, 0.47, 0.67], [0.93, 0.40, 0.47], [0.80, 0.73, 0.27], [0.13, 0.53, 0.20], [0.67, 0.20, 0.47], [0.4, 0.8, 0.93]]
+    [
+        [0.27, 0.47, 0.67],
+        [0.93, 0.40, 0.47],
+        [0.80, 0.73, 0.27],
+        [0.13, 0.53, 0.20],
+        [0.67, 0.20, 0.47],
+        [0.4, 0.8, 0.93],
+    ]
 )
 """One colour an expert, distinguishable by colour-blind readers (Tol, bright)."""
 
 
-def export(run_dir: Path, done: Sequence[Done], plan: Plan, settings: str, warnings: Sequence[str] = ()) -> dict[str, Path]:
+def export(
+    run_dir: Path, done: Sequence[Done], plan: Plan, settings: str, warnings: Sequence[str] = ()
+) -> dict[str, Path]:
     """Write the deliverables of a run into ``run_dir``; returns their paths by kind."""
     at = {d.name: d.path for d in done}
     files: dict[str, Path] = {}

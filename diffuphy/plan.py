@@ -76,7 +76,11 @@ def mixture_lines(elastic: tuple[str, ...], plastic: tuple[str, ...]) -> list[Li
     mixture = make_mixture(elastic, plastic)
     flows = [p for p in plastic if p != "identity"]
     return [
-        Line("return mapping", "kept" if flows else "left out", f"{', '.join(flows)} may flow" if flows else "nothing flows"),
+        Line(
+            "return mapping",
+            "kept" if flows else "left out",
+            f"{', '.join(flows)} may flow" if flows else "nothing flows",
+        ),
         Line(
             "deformation gradients",
             "two" if mixture.is_plastic else "one",
@@ -104,7 +108,9 @@ def appearance_lines(components: dict[str, Any]) -> list[Line]:
         Line(
             "spherical harmonics",
             f"degree {degree}" if degree else "left out",
-            "view-dependent colour asked for" if degree else "degree 0: colours do not depend on the view, nothing to rotate",
+            "view-dependent colour asked for"
+            if degree
+            else "degree 0: colours do not depend on the view, nothing to rotate",
         ),
         Line(
             "interior fill",
@@ -115,12 +121,26 @@ def appearance_lines(components: dict[str, Any]) -> list[Line]:
 
 
 def loss_lines(material: Any) -> list[Line]:
-    lines = [Line("video SDS", "kept" if material.steps else "left out", "it trains the material" if material.steps else "material.steps=0")]
+    lines = [
+        Line(
+            "video SDS",
+            "kept" if material.steps else "left out",
+            "it trains the material" if material.steps else "material.steps=0",
+        )
+    ]
     velocity = material.velocity
     on = velocity is not None and velocity.weight > 0
-    lines.append(Line("velocity loss", velocity.form if on else "left out", "weight %g" % velocity.weight if on else "weight 0"))
+    lines.append(
+        Line("velocity loss", velocity.form if on else "left out", "weight %g" % velocity.weight if on else "weight 0")
+    )
     scan = material.stiffness_steps
-    lines.append(Line("enumeration", "kept" if scan else "left out", "finds the basin before descending" if scan else "material.stiffness_steps=0"))
+    lines.append(
+        Line(
+            "enumeration",
+            "kept" if scan else "left out",
+            "finds the basin before descending" if scan else "material.stiffness_steps=0",
+        )
+    )
     return lines
 
 
@@ -131,7 +151,9 @@ def model_lines(components: dict[str, Any]) -> list[Line]:
         Line(
             "diffusion models",
             ", ".join(heavy) if heavy else "left out",
-            "asked for by guidance" if heavy else "the embedded prior answers; diffusers and transformers are never imported",
+            "asked for by guidance"
+            if heavy
+            else "the embedded prior answers; diffusers and transformers are never imported",
         )
     ]
 
@@ -144,7 +166,13 @@ def stage_lines(stages: list[Stage], cached: dict[str, Path], until: str, force:
         if stage.name in cached and stage.name not in force:
             lines.append(Line(f"stage {stage.name}", "cached", "same settings, same inputs"))
         else:
-            why = "forced" if stage.name in force else "not in the store" if known else "unless its inputs come out unchanged"
+            why = (
+                "forced"
+                if stage.name in force
+                else "not in the store"
+                if known
+                else "unless its inputs come out unchanged"
+            )
             lines.append(Line(f"stage {stage.name}", "run", why))
             known = False
     return lines

@@ -30,7 +30,9 @@ def _flatten(value: Any, path: str, tensors: dict[str, Tensor]) -> Any:
         tensors[path] = value.detach().cpu().contiguous()
         return {"tensor": path}
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: _flatten(getattr(value, f.name), f"{path}.{f.name}", tensors) for f in dataclasses.fields(value)}
+        return {
+            f.name: _flatten(getattr(value, f.name), f"{path}.{f.name}", tensors) for f in dataclasses.fields(value)
+        }
     if isinstance(value, dict):
         return {k: _flatten(v, f"{path}.{k}", tensors) for k, v in value.items()}
     if isinstance(value, list | tuple):

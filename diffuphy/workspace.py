@@ -122,7 +122,10 @@ def _pack(value: Any, tensors: dict[str, Any]) -> Any:
         tensors[f"{len(tensors)}"] = value.detach().cpu().contiguous().clone()
         return {TENSOR: f"{len(tensors) - 1}"}
     if isinstance(value, dict):
-        return {"keys": [[type(k).__name__, str(k)] for k in value], "values": [_pack(v, tensors) for v in value.values()]}
+        return {
+            "keys": [[type(k).__name__, str(k)] for k in value],
+            "values": [_pack(v, tensors) for v in value.values()],
+        }
     if isinstance(value, list | tuple):
         return [_pack(v, tensors) for v in value]
     return value

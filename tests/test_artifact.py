@@ -226,7 +226,9 @@ def test_checkpoint_round_trips_an_optimiser(tmp_path):
     optimiser.step()
     generator = torch.Generator().manual_seed(3)
     work = Workspace(tmp_path)
-    work.save({"optimiser": optimiser.state_dict(), "rng": generator.get_state(), "step": 7, "list": [1, 2.5, None, True]})
+    work.save(
+        {"optimiser": optimiser.state_dict(), "rng": generator.get_state(), "step": 7, "list": [1, 2.5, None, True]}
+    )
     state = Workspace(tmp_path).load()
     assert state["step"] == 7 and state["list"] == [1, 2.5, None, True]
     optimiser.load_state_dict(state["optimiser"])

@@ -61,7 +61,11 @@ def test_the_plan_is_obeyed_by_replacing_open_settings_only():
     before = components()
     after = make_plan(before, prompt("rubber", "jelly")).components
     assert after["gaussians"] is before["gaussians"]
-    changed = {f.name for f in dataclasses.fields(FitMaterial) if getattr(before["material"], f.name) != getattr(after["material"], f.name)}
+    changed = {
+        f.name
+        for f in dataclasses.fields(FitMaterial)
+        if getattr(before["material"], f.name) != getattr(after["material"], f.name)
+    }
     assert changed == {"elastic", "plastic"}
 
 
