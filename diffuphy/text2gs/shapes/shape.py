@@ -14,6 +14,9 @@ from diffuphy.text2gs.shapes.primitives import Part, Primitive, Recipe, Sketch
 from diffuphy.text2gs.shapes.tints import parse_surface, tinted
 from diffuphy.types import Camera
 
+RADIUS = 1.2
+"""Largest distance of the surface from the origin: the default cameras, 3.4 away with 40°, see a ball of 1.16 whole."""
+
 MEASURE = 44
 """Cells along the longest side of the grid that finds the extent of a drawing and the cells its surface crosses."""
 
@@ -22,7 +25,7 @@ VIEWS_AT_ONCE = 16
 
 
 class Shape:
-    """A union of primitives in the object frame: bounding box centred on 0, longest side 2, z up.
+    """A union of primitives in the object frame: bounding box centred on 0, longest side 2 unless a corner would leave a ball of 1.2, z up.
 
     Args:
         recipe: how to draw it.
@@ -213,7 +216,8 @@ class Shape:
         return centres[d.abs() < 0.87 * cell], cell
 
     def _measured(self) -> tuple[float, float, float, float]:
-        """The frame that centres the bounding box and makes its longest side 2.
+        """The frame that centres the bounding box and makes its longest side 2, or less if corners would leave the
+        ball of ``RADIUS`` that cameras see whole.
 
         Surface points found on a grid climb along each axis by steps of a shrinking length, each followed by a return
         to the surface.
@@ -231,7 +235,8 @@ class Shape:
                     q = self._settled(q + step * 0.75**i, 2)
                     top = torch.maximum(top, (sign * q[:, axis]).max())
                 ends.append(sign * float(top))
-        scale = 2 / max(b - a for a, b in zip(lo, hi, strict=True))
+        radius = (p - torch.tensor([(a + b) / 2 for a, b in zip(lo, hi, strict=True)])).norm(dim=1).max()
+        scale = min(2 / max(b - a for a, b in zip(lo, hi, strict=True)), RADIUS / float(radius))
         return (*(-scale * (a + b) / 2 for a, b in zip(lo, hi, strict=True)), scale)
 
 
