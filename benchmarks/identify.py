@@ -13,6 +13,7 @@ import json
 import platform
 import time
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -43,17 +44,16 @@ def dressed(subject: str, *, count: int = 8000, seed: int = 0) -> tuple[Look, Ga
     )
 
 
-def fit(subject: str, material: str, **settings: object) -> tuple[MaterialField, dict[str, float], float]:
-    """Fit the material of a library object; returns field, the stage's numbers and its seconds."""
+def fit(subject: str, material: str, **settings: Any) -> tuple[MaterialField, float]:
+    """Fit the material of a library object; returns the field and the seconds it took."""
     look, gaussians = dressed(subject)
     motion = Motion("falling", f"a {material} {subject} falling", {"": material})
     particles = Sample()(gaussians, motion, work=Workspace())
-    component = FitMaterial(
-        guidance=Analytic(layout="clip", s=0.0), library=Library(), velocity=Velocity(weight=0.0), **settings
-    )  # type: ignore[arg-type]
+    guidance = Analytic(layout="clip", s=0.0)
+    component = FitMaterial(guidance=guidance, library=Library(), velocity=Velocity(weight=0.0), **settings)
     start = time.perf_counter()
     field = component(look, motion, gaussians, particles, work=Workspace(progress=True))
-    return field, {}, time.perf_counter() - start
+    return field, time.perf_counter() - start
 
 
 def weights(field: MaterialField) -> dict[str, float]:
@@ -65,30 +65,13 @@ def stiffness(steps: int) -> list[dict]:
     preset = lookup("rubber")
     truth = torch.tensor(preset.E).log10().item()
     rows = []
+    settings = dict(elastic=(preset.elastic,), plastic=("identity",), stiffness_steps=0, steps=steps)
     for start in (truth - 1.9, truth - 1.0, min(truth + 0.7, 6.2)):
-        field, _, seconds = fit(
-            "burger",
-            "rubber",
-            elastic=(preset.elastic,),
-            plastic=("identity",),
-            stiffness_steps=0,
-            start=start,
-            steps=steps,
-        )
+        field, seconds = fit("burger", "rubber", start=start, **settings)
         found = field.theta["E"].log10()
-        rows.append(
-            {
-                "start": start,
-                "truth": truth,
-                "found": found.mean().item(),
-                "spread": found.std().item(),
-                "seconds": seconds,
-            }
-        )
-        print(
-            f"start {start:.2f}  truth {truth:.2f}  found {found.mean():.3f} ± {found.std():.3f}  {seconds:.0f} s",
-            flush=True,
-        )
+        mean, spread = found.mean().item(), found.std().item()
+        rows.append({"start": start, "truth": truth, "found": mean, "spread": spread, "seconds": seconds})
+        print(f"start {start:.2f}  truth {truth:.2f}  found {mean:.3f} ± {spread:.3f}  {seconds:.0f} s", flush=True)
     return rows
 
 
@@ -98,13 +81,12 @@ def experts(steps: int) -> list[dict]:
     for material in ("jelly", "plasticine", "sand", "water"):
         preset = lookup(material)
         for seed in (0, 1):
-            field, _, seconds = fit(
-                "ball", material, elastic=(preset.elastic,), plastic=PLASTIC, steps=steps, seed=seed
-            )
+            settings = dict(elastic=(preset.elastic,), plastic=PLASTIC, steps=steps, seed=seed)
+            field, seconds = fit("ball", material, **settings)
             found = weights(field)
             best = max(found, key=found.__getitem__)
-            rows.append({"material": material, "seed": seed, "truth": preset.plastic, "found": found, "seconds": seconds,
-                         "log10_E": field.theta["E"].log10().mean().item()})  # fmt: skip
+            row = {"material": material, "seed": seed, "truth": preset.plastic, "found": found, "seconds": seconds}
+            rows.append(row | {"log10_E": field.theta["E"].log10().mean().item()})
             mark = "right" if best == preset.plastic else "WRONG"
             print(f"{material:<11} seed {seed}  {best:<15} {mark}  {found}  {seconds:.0f} s", flush=True)
     return rows
@@ -112,7 +94,7 @@ def experts(steps: int) -> list[dict]:
 
 def gravel(steps: int) -> list[dict]:
     preset = lookup("gravel")
-    field, _, seconds = fit("gravel pile", "gravel", elastic=(preset.elastic,), plastic=PLASTIC, steps=steps)
+    field, seconds = fit("gravel pile", "gravel", elastic=(preset.elastic,), plastic=PLASTIC, steps=steps)
     print(f"gravel {weights(field)}  {seconds:.0f} s")
     return [{"found": weights(field), "seconds": seconds}]
 
@@ -125,11 +107,8 @@ def main() -> None:
     rows = {"stiffness": stiffness, "experts": experts, "gravel": gravel}[options.what](options.steps)
     out = Path(__file__).resolve().parents[1] / "docs" / "benchmarks" / f"identify_{options.what}.json"
     out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(
-        json.dumps(
-            {"machine": platform.processor() or platform.machine(), "steps": options.steps, "rows": rows}, indent=1
-        )
-    )
+    machine = platform.processor() or platform.machine()
+    out.write_text(json.dumps({"machine": machine, "steps": options.steps, "rows": rows}, indent=1))
 
 
 if __name__ == "__main__":

@@ -20,21 +20,14 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def command(store: Path, prompt: str, experiment: str) -> list[str]:
-    return [
-        sys.executable,
-        str(ROOT / "train.py"),
-        f"prompt={prompt}",
-        f"experiment={experiment}",
-        f"store={store}",
-        "device=cpu",
-    ]
+    settings = [f"prompt={prompt}", f"experiment={experiment}", f"store={store}", "device=cpu"]
+    return [sys.executable, str(ROOT / "train.py"), *settings]
 
 
 def digests(store: Path) -> dict[str, str]:
     """Digest of every stored result, by stage."""
-    return {
-        meta.parent.parent.name: json.loads(meta.read_text())["digest"] for meta in sorted(store.glob("*/*/meta.json"))
-    }
+    found = sorted(store.glob("*/*/meta.json"))
+    return {meta.parent.parent.name: json.loads(meta.read_text())["digest"] for meta in found}
 
 
 def run_killed(args: list[str], log: Path, delays: list[float]) -> list[float]:

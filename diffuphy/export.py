@@ -24,7 +24,7 @@ EXPERT_COLORS = torch.tensor(
         [0.80, 0.73, 0.27],
         [0.13, 0.53, 0.20],
         [0.67, 0.20, 0.47],
-        [0.4, 0.8, 0.93],
+        [0.40, 0.80, 0.93],
     ]
 )
 """One colour an expert, distinguishable by colour-blind readers (Tol, bright)."""

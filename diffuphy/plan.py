@@ -1,7 +1,8 @@
 """What this scene needs, what is left out, and why; decided before anything heavy starts.
 
-A plan takes the composed components and the refined prompt, replaces every setting that was left open (``None``) by what
-the scene needs, and says so line by line. The pipeline then runs the components *of the plan*: it is obeyed by construction.
+A plan takes the composed components and the refined prompt, replaces every setting that was left open (``None``) by
+what the scene needs, and says so line by line. The pipeline then runs the components *of the plan*: it is obeyed by
+construction.
 """
 
 import dataclasses
@@ -25,6 +26,11 @@ class Line:
     decision: str
     """``run``, ``cached``, ``kept``, ``left out`` or a value."""
     why: str
+
+    @classmethod
+    def kept(cls, what: str, needed: bool, why: str, why_not: str) -> "Line":
+        """A part that is kept where it is needed."""
+        return cls(what, "kept" if needed else "left out", why if needed else why_not)
 
 
 @dataclass(frozen=True)
@@ -75,87 +81,68 @@ def experts(material: Any, motion: Motion) -> tuple[tuple[str, ...], tuple[str, 
 def mixture_lines(elastic: tuple[str, ...], plastic: tuple[str, ...]) -> list[Line]:
     mixture = make_mixture(elastic, plastic)
     flows = [p for p in plastic if p != "identity"]
+    gradients = (
+        Line("deformation gradients", "two", "the elastic part makes stress, the total one moves the Gaussians")
+        if mixture.is_plastic
+        else Line("deformation gradients", "one", "without plasticity the elastic part is the total one")
+    )
     return [
-        Line(
-            "return mapping",
-            "kept" if flows else "left out",
-            f"{', '.join(flows)} may flow" if flows else "nothing flows",
-        ),
-        Line(
-            "deformation gradients",
-            "two" if mixture.is_plastic else "one",
-            "the elastic part makes stress, the total one moves the Gaussians"
-            if mixture.is_plastic
-            else "without plasticity the elastic part is the total one",
-        ),
-        Line(
+        Line.kept("return mapping", bool(flows), f"{', '.join(flows)} may flow", "nothing flows"),
+        gradients,
+        Line.kept(
             "principal decomposition",
-            "kept" if mixture.decomposes else "left out",
-            "some expert works in principal stretches" if mixture.decomposes else "every expert has a direct form",
+            mixture.decomposes,
+            "some expert works in principal stretches",
+            "every expert has a direct form",
         ),
-        Line(
+        Line.kept(
             "mixture weights",
-            "kept" if len(elastic) * len(plastic) > 1 else "left out",
-            f"{len(elastic)} elastic, {len(plastic)} plastic experts" if len(elastic) * len(plastic) > 1 else "one law",
+            len(elastic) * len(plastic) > 1,
+            f"{len(elastic)} elastic, {len(plastic)} plastic experts",
+            "one law",
         ),
     ]
 
 
 def appearance_lines(components: dict[str, Any]) -> list[Line]:
     degree = components["gaussians"].sh_degree
-    fill = components["particles"].fill
-    return [
-        Line(
-            "spherical harmonics",
-            f"degree {degree}" if degree else "left out",
-            "view-dependent colour asked for"
-            if degree
-            else "degree 0: colours do not depend on the view, nothing to rotate",
-        ),
-        Line(
-            "interior fill",
-            "kept" if fill != "none" else "left out",
-            "distilled Gaussians are a shell; the inside needs particles" if fill != "none" else "particles.fill=none",
-        ),
-    ]
+    harmonics = (
+        Line("spherical harmonics", f"degree {degree}", "view-dependent colour asked for")
+        if degree
+        else Line("spherical harmonics", "left out", "degree 0: colours do not depend on the view, nothing to rotate")
+    )
+    fill = Line.kept(
+        "interior fill",
+        components["particles"].fill != "none",
+        "distilled Gaussians are a shell; the inside needs particles",
+        "particles.fill=none",
+    )
+    return [harmonics, fill]
 
 
 def loss_lines(material: Any) -> list[Line]:
-    lines = [
-        Line(
-            "video SDS",
-            "kept" if material.steps else "left out",
-            "it trains the material" if material.steps else "material.steps=0",
-        )
-    ]
     velocity = material.velocity
-    on = velocity is not None and velocity.weight > 0
-    lines.append(
-        Line("velocity loss", velocity.form if on else "left out", "weight %g" % velocity.weight if on else "weight 0")
-    )
-    scan = material.stiffness_steps
-    lines.append(
-        Line(
+    return [
+        Line.kept("video SDS", bool(material.steps), "it trains the material", "material.steps=0"),
+        Line("velocity loss", velocity.form, f"weight {velocity.weight:g}")
+        if velocity is not None and velocity.weight > 0
+        else Line("velocity loss", "left out", "weight 0"),
+        Line.kept(
             "enumeration",
-            "kept" if scan else "left out",
-            "finds the basin before descending" if scan else "material.stiffness_steps=0",
-        )
-    )
-    return lines
+            bool(material.stiffness_steps),
+            "finds the basin before descending",
+            "material.stiffness_steps=0",
+        ),
+    ]
 
 
 def model_lines(components: dict[str, Any]) -> list[Line]:
     backends = {type(components[s].guidance).__name__ for s in ("gaussians", "material")}
     heavy = sorted(backends - {"Analytic"})
-    return [
-        Line(
-            "diffusion models",
-            ", ".join(heavy) if heavy else "left out",
-            "asked for by guidance"
-            if heavy
-            else "the embedded prior answers; diffusers and transformers are never imported",
-        )
-    ]
+    if heavy:
+        return [Line("diffusion models", ", ".join(heavy), "asked for by guidance")]
+    why = "the embedded prior answers; diffusers and transformers are never imported"
+    return [Line("diffusion models", "left out", why)]
 
 
 def stage_lines(stages: list[Stage], cached: dict[str, Path], until: str, force: list[str]) -> list[Line]:
@@ -165,14 +152,11 @@ def stage_lines(stages: list[Stage], cached: dict[str, Path], until: str, force:
     for stage in stages[: [s.name for s in stages].index(until) + 1]:
         if stage.name in cached and stage.name not in force:
             lines.append(Line(f"stage {stage.name}", "cached", "same settings, same inputs"))
+            continue
+        if stage.name in force:
+            why = "forced"
         else:
-            why = (
-                "forced"
-                if stage.name in force
-                else "not in the store"
-                if known
-                else "unless its inputs come out unchanged"
-            )
-            lines.append(Line(f"stage {stage.name}", "run", why))
-            known = False
+            why = "not in the store" if known else "unless its inputs come out unchanged"
+        lines.append(Line(f"stage {stage.name}", "run", why))
+        known = False
     return lines

@@ -1,8 +1,9 @@
 """The six results of the pipeline, and the camera that looks at them.
 
-A result is a frozen dataclass of tensors and plain data that saves and loads itself: tensors go to ``tensors.safetensors``,
-everything else to ``result.json``; nothing is ever unpickled. One frame of reference throughout: right-handed, z up,
-metres, seconds, kilograms. Cameras follow OpenCV (x right, y down, z forward); quaternions are wxyz.
+A result is a frozen dataclass of tensors and plain data that saves and loads itself: tensors go to
+``tensors.safetensors``, everything else to ``result.json``; nothing is ever unpickled. One frame of reference
+throughout: right-handed, z up, metres, seconds, kilograms. Cameras follow OpenCV (x right, y down, z forward);
+quaternions are wxyz.
 """
 
 import dataclasses
@@ -101,7 +102,10 @@ class Look:
 
 @dataclass(frozen=True)
 class Motion:
-    """What the scene is made of and what happens to it; all that material and trajectory depend on besides the particles."""
+    """What the scene is made of and what happens to it.
+
+    All that material and trajectory depend on besides the particles.
+    """
 
     verb: str
     """One of the motion words the scene table knows ("falling", "bouncing", "melting", ...)."""
@@ -162,7 +166,10 @@ class Gaussians(Result):
     logit_opacities: Tensor
     """Logits of the opacities, shape (G,)."""
     sh: Tensor
-    """Spherical-harmonic colour coefficients in the 3DGS basis, shape (G, (degree+1)², 3); rgb = 0.5 + 0.2821 sh at degree 0."""
+    """Spherical-harmonic colour coefficients in the 3DGS basis, shape (G, (degree+1)², 3).
+
+    At degree 0, rgb = 0.5 + sh / √(4π).
+    """
 
     def __len__(self) -> int:
         return self.means.shape[0]

@@ -5,6 +5,7 @@ import json
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 import torch
@@ -44,6 +45,7 @@ class Count:
     """Counts to ``steps``, keeping a checkpoint; may be interrupted at a step."""
 
     steps: int = 5
+    interrupt_at: ClassVar[int] = -1
 
     def __call__(self, said, *, work):
         calls.append("count")
@@ -51,12 +53,9 @@ class Count:
         for step in range(int(state["step"]), self.steps):
             state = {"step": step + 1, "total": state["total"] + step}
             work.save(state)
-            if interrupt_at == step:
+            if self.interrupt_at == step:
                 raise KeyboardInterrupt
         return Text(f"{len(said.text.split())} words", state["total"])
-
-
-interrupt_at = -1
 
 
 def line(text="a jelly cube", steps=5):
@@ -69,9 +68,7 @@ def line(text="a jelly cube", steps=5):
 
 @pytest.fixture(autouse=True)
 def fresh():
-    global interrupt_at
     calls.clear()
-    interrupt_at = -1
 
 
 def run(tmp_path, stages, until="count", **kw):
@@ -109,13 +106,15 @@ def test_force_runs_again_and_keeps_the_path(tmp_path):
     assert first[1].path == second[1].path
 
 
-def test_interrupted_stage_continues_to_the_same_bytes(tmp_path):
-    global interrupt_at
+def interrupted_run(tmp_path, monkeypatch):
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(Count, "interrupt_at", 2)
+        run(tmp_path, line())
+
+
+def test_interrupted_stage_continues_to_the_same_bytes(tmp_path, monkeypatch):
     reference = digest(run(tmp_path / "a", line())[-1].path)
-    interrupt_at = 2
-    with pytest.raises(KeyboardInterrupt):
-        run(tmp_path / "b", line())
-    interrupt_at = -1
+    interrupted_run(tmp_path / "b", monkeypatch)
     calls.clear()
     assert digest(run(tmp_path / "b", line())[-1].path) == reference
     assert calls == ["count"]
@@ -127,11 +126,8 @@ def test_no_checkpoint_is_left_behind(tmp_path):
     assert not list(tmp_path.rglob("*.partial"))
 
 
-def test_damaged_checkpoint_is_an_error_that_says_what_to_delete(tmp_path):
-    global interrupt_at
-    interrupt_at = 2
-    with pytest.raises(KeyboardInterrupt):
-        run(tmp_path, line())
+def test_damaged_checkpoint_is_an_error_that_says_what_to_delete(tmp_path, monkeypatch):
+    interrupted_run(tmp_path, monkeypatch)
     (checkpoint,) = tmp_path.rglob("checkpoint-*")
     data = bytearray(checkpoint.read_bytes())
     data[-1] ^= 1
@@ -139,7 +135,6 @@ def test_damaged_checkpoint_is_an_error_that_says_what_to_delete(tmp_path):
     with pytest.raises(CheckpointCorrupted, match="delete this one file"):
         run(tmp_path, line())
     checkpoint.unlink()
-    interrupt_at = -1
     assert run(tmp_path, line())[0].cached
 
 

@@ -80,7 +80,7 @@ def test_embedded_prior_leaves_diffusion_models_out():
 
 
 def test_unknown_material_is_a_one_line_error_with_the_nearest_words():
-    with pytest.raises(ValueError, match="ruber.*rubber"):
+    with pytest.raises(ValueError, match=r"ruber.*rubber"):
         make_plan(components(), prompt("ruber"))
 
 

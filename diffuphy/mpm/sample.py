@@ -58,8 +58,8 @@ class Sample:
     fill: Literal["interior", "none"] = "interior"
     """Whether what is enclosed becomes solid."""
     seal: float = 0.1
-    """Holes in a shell up to this share of the longest side are closed while deciding what is enclosed [-]: cameras never see
-    every part of a body, and a mug is open much wider."""
+    """Holes in a shell up to this share of the longest side are closed while deciding what is enclosed [-]: cameras
+    never see every part of a body, and a mug is open much wider."""
     jitter: float = 0.5
     """Range of the random shift of filler particles [lattice cells]; breaks the pattern of a lattice on a grid."""
     max_particles: int = 20_000
@@ -185,7 +185,10 @@ class Sample:
     def _matter(
         self, lattice: Lattice, g: Gaussians, x: Tensor, opaque: Tensor, keep: Tensor, scale: float, seal: int
     ) -> _Solid:
-        """Dense cells and, with ``fill="interior"``, those that they enclose when holes of 2 ``seal`` cells are closed."""
+        """Dense cells and, with ``fill="interior"``, those that they enclose.
+
+        What is enclosed is decided with holes of 2 ``seal`` cells closed.
+        """
         dense = (
             density(lattice, x[keep], g.quats[keep], scale * g.log_scales[keep].double().exp(), opaque[keep])
             >= self.threshold
