@@ -155,8 +155,8 @@ def compositing_kernels(real: type) -> SimpleNamespace:
             b, f = s.boxes[c, i], feature(s, c, i)
             region = ellipse(q, s.sigmas[c, i], o, s.alpha_min)
             curve = wp.exp(-q[0])
-            # moments of the gradient g with respect to the exponent: Σ g, Σ g dx, Σ g dy, Σ g dx², Σ g dx dy, Σ g dy²
-            g0, gx, gy, gxx, gxy, gyy = real(0.0), real(0.0), real(0.0), real(0.0), real(0.0), real(0.0)
+            # moments of the gradient g with respect to the exponent: Σ g (1, dx, dx²) and Σ g dy (1, dx, dy)
+            gx, gy = vec3(), vec3()
             g_f = vec4()
             for y in range(wp.max(b[1], y0), wp.min(b[3], y1)):
                 dy = real(y) + real(0.5) - m[1]
@@ -188,15 +188,11 @@ def compositing_kernels(real: type) -> SimpleNamespace:
                     dx += real(1.0)
                     raw *= ratio
                     ratio *= curve
-                g0 += r0
-                gx += rx
-                gxx += rxx
-                gy += r0 * dy
-                gxy += rx * dy
-                gyy += r0 * dy * dy
-            g_opacities[c, i] = g_opacities[c, i] + g0 / o
-            g_means2d[c, i] = g_means2d[c, i] + vec2(q[0] * gx + q[1] * gy, q[1] * gx + q[2] * gy)
-            g_conics[c, i] = g_conics[c, i] - vec3(real(0.5) * gxx, gxy, real(0.5) * gyy)
+                gx += vec3(r0, rx, rxx)
+                gy += vec3(r0, rx, r0 * dy) * dy
+            g_opacities[c, i] = g_opacities[c, i] + gx[0] / o
+            g_means2d[c, i] = g_means2d[c, i] + vec2(q[0] * gx[1] + q[1] * gy[0], q[1] * gx[1] + q[2] * gy[0])
+            g_conics[c, i] = g_conics[c, i] - vec3(real(0.5) * gx[2], gy[1], real(0.5) * gy[2])
             g_features[c, i] = g_features[c, i] + g_f
             if unfinished == 0:
                 break
