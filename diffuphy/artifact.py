@@ -107,10 +107,12 @@ class Store:
     Args:
         root: folder; made if missing.
         device: where inputs are put before a stage sees them.
+        interval: seconds between the checkpoints of a long stage.
+        progress: show bars; by default only when standard error is a terminal.
     """
 
-    def __init__(self, root: Path, *, device: str = "cpu", progress: bool | None = None):
-        self.root, self.device, self.progress = root, device, progress
+    def __init__(self, root: Path, *, device: str = "cpu", interval: float = 5.0, progress: bool | None = None):
+        self.root, self.device, self.interval, self.progress = root, device, interval, progress
         self._digests: dict[Path, str] = {}
         try:
             root.mkdir(parents=True, exist_ok=True)
@@ -200,7 +202,7 @@ class Store:
 
     def _compute(self, stage: Stage, path: Path, done: dict[str, Path], types: dict[str, Any]) -> None:
         partial = path.with_suffix(".partial")
-        work = Workspace(partial / SCRATCH, progress=self.progress, device=self.device)
+        work = Workspace(partial / SCRATCH, interval=self.interval, progress=self.progress, device=self.device)
         inputs = [self._load(name, done, types) for name in stage.inputs]
         recipe = self.recipe(stage, done)
         log.info("%s: %s", stage.name, "continuing" if work.load() is not None else "started")

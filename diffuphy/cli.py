@@ -70,7 +70,7 @@ def film(cfg: DictConfig) -> None:
 
     cfg.device = device(cfg.device)
     components = instantiate(cfg.stages, _convert_="all")
-    store = Store(Path(cfg.store), device=cfg.device)
+    store = Store(Path(cfg.store), device=cfg.device, interval=cfg.checkpoint_seconds)
     done, plan = pipeline.run(components, store=store, until=cfg.until, force=list(cfg.force), run_dir=folder)
     files = export(folder, done, plan, OmegaConf.to_yaml(cfg, resolve=False))
     log.info("%s", conclusion(done, files, HydraConfig.get().overrides.task))

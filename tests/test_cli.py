@@ -33,7 +33,7 @@ def conf(tmp_path, monkeypatch):
     (folder / "train.yaml").write_text(
         "defaults: [fit: sds, guidance: analytic, _self_, experiment: null, override hydra/help: film,\n"
         "  override hydra/job_logging: lines, override hydra/hydra_logging: lines]\n"
-        f"prompt: ???\nseed: 0\nstore: {tmp_path}/outputs\ndevice: auto\nuntil: clip\nforce: []\n"
+        f"prompt: ???\nseed: 0\nstore: {tmp_path}/outputs\ndevice: auto\nuntil: clip\nforce: []\ncheckpoint_seconds: 3\n"
         "stages: {clip: '${clip}'}\nclip: {_target_: fractions.Fraction, _args_: ['${prompt}']}\n"
         + text[text.index("\nhydra:") :]
     )
@@ -163,13 +163,21 @@ def test_film_hands_components_to_the_pipeline(conf, monkeypatch, tmp_path):
     import torch
 
     from diffuphy import pipeline
+    from diffuphy.plan import Plan
 
     calls = []
-    monkeypatch.setattr(pipeline, "run", lambda components, **settings: calls.append((components, settings)))
+
+    def run(components, **settings):
+        calls.append((components, settings))
+        return [], Plan(components, ())
+
+    monkeypatch.setattr(pipeline, "run", run)
     assert main(["prompt=3/4", "until=material", "force=[prompt]"]) == 0
     ((components, settings),) = calls
     assert components == {"clip": Fraction(3, 4)}
-    assert settings.pop("store").device == ("cuda" if torch.cuda.is_available() else "cpu")
+    store = settings.pop("store")
+    assert store.device == ("cuda" if torch.cuda.is_available() else "cpu")
+    assert store.interval == 3
     assert settings == {
         "until": "material",
         "force": ["prompt"],
