@@ -10,7 +10,7 @@ differentiated.
 
 import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +18,7 @@ import torch
 from torch import Tensor
 
 from diffuphy.material import make_mixture, rate_gate, wave_speed
+from diffuphy.mpm.gather import Gather, Sums, check_gather
 from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.kernels import FAST, INVERTED, LEFT
 from diffuphy.mpm.scene import Scene
@@ -52,6 +53,10 @@ class FrameReport:
     """Block of nodes."""
     reruns: int
     """How often it was enlarged because particles left it."""
+    expected_dv: Tensor | None = dataclasses.field(default=None, repr=False, compare=False)
+    """Velocity change of each particle by stress and gravity, shape (N, 3) [m/s], if gathered; see ``mpm.gather``."""
+    impulse: Tensor | None = dataclasses.field(default=None, repr=False, compare=False)
+    """Impulse of all walls on the body, shape (3,) [N s], if gathered."""
 
 
 class Frame(torch.autograd.Function):
@@ -118,6 +123,7 @@ def simulate(
     segment: int | None = None,
     keep: bool = False,
     report: list[FrameReport] | None = None,
+    gather: Sequence[Gather] = (),
 ) -> Iterator[State]:
     """The states at the frames of a scene, one after the other, the initial one first.
 
@@ -136,12 +142,17 @@ def simulate(
         keep: store every substep for the backward pass instead of running it again: 96 bytes a particle and substep in
             float32 (132 with plasticity) for a fifth of the time of forward and backward.
         report: a list to which the report of each frame is appended.
+        gather: sums over substeps that the reports then hold, "expected_dv" or "impulse" or both: constants of the
+            graph, taken in the forward pass by two kernels and by one. What is not asked for costs nothing.
 
     Raises:
         ValueError: shapes, precisions or values that make no simulation; an unstable ``dt``.
         SimulationDiverged: a particle with a state that means nothing; the message names it.
     """
     check(x, vol, field)
+    check_gather(gather)
+    if gather and report is None:
+        raise ValueError(f"gather = {tuple(gather)} fills the reports of frames; give a list as report")
     if segment is not None and segment < 1:
         raise ValueError(f"segment must be at least 1 substep, got {segment}")
     mixture = make_mixture(tuple(field.elastic), tuple(field.plastic), REAL[x.dtype])
@@ -172,9 +183,10 @@ def simulate(
         now = matter
         if dt_ref is not None and mixture.is_plastic:
             now = dataclasses.replace(matter, w_p=rate_gate(matter.w_p, field.plastic, span.dt, dt_ref).contiguous())
-        end, kept, span, reruns = _advance(solver, state, now, span, frame, c, keep and grad)
+        end, kept, span, reruns, sums = _advance(solver, state, now, span, frame, c, keep and grad, gather)
         if report is not None:
-            report.append(FrameReport(span.n_sub, span.dt, float(c.max()), speed, span.grid, reruns))
+            taken = (None, None) if sums is None else (sums.expected_dv, sums.impulse)
+            report.append(FrameReport(span.n_sub, span.dt, float(c.max()), speed, span.grid, reruns, *taken))
         replay = {"segment": segment, "kept": kept}
         state = _node(solver, span, replay, end, state, now) if grad else end
         yield state
@@ -226,15 +238,23 @@ def _span(scene: Scene, state: State, c: Tensor, dt: float | None) -> tuple[Span
 
 
 def _advance(
-    solver: Solver, state: State, matter: Matter, span: Span, frame: int, c: Tensor, keep: bool
-) -> tuple[State, Rows | None, Span, int]:
-    """The state after a frame, in a block large enough for it.
+    solver: Solver,
+    state: State,
+    matter: Matter,
+    span: Span,
+    frame: int,
+    c: Tensor,
+    keep: bool,
+    gather: Sequence[Gather],
+) -> tuple[State, Rows | None, Span, int, Sums | None]:
+    """The state after a frame, in a block large enough for it, and the sums of that run alone.
 
     Raises:
         SimulationDiverged: naming particle, frame, place, speed, CFL number and what to change.
     """
     for reruns in range(GROWTHS + 1):
-        end, status, kept = solver.advance(state, matter, span, keep)
+        sums = Sums.zero(gather, state.x.detach(), span.grid.nodes) if gather else None
+        end, status, kept = solver.advance(state, matter, span, keep, sums)
         finite = torch.isfinite(end.x).all(1) & torch.isfinite(end.v).all(1) & torch.isfinite(end.He).flatten(1).all(1)
         if not bool(finite.all()):
             _diverged("is not finite", int((~finite).nonzero()[0]), state, end, span, frame, c)
@@ -243,7 +263,7 @@ def _advance(
         if status[FAST]:
             _diverged("crossed more than one cell in a substep", status[FAST] - 1, state, end, span, frame, c)
         if not status[LEFT]:
-            return end, kept, span, reruns
+            return end, kept, span, reruns, sums
         left = status[LEFT] - 1
         span = dataclasses.replace(span, grid=span.grid.grown(4 * 2**reruns))
     _diverged("left every block of nodes", left, state, end, span, frame, c)

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from diffuphy.mpm.adjoint import Needs, make_adjoint
 from diffuphy.mpm.boundary import Boundary, rows, signature
+from diffuphy.mpm.gather import Sums, make_gather
 from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.kernels import make_kernels
 from diffuphy.mpm.state import REAL, Matter, Rows, Span, State, view
@@ -56,15 +57,16 @@ class Solver:
 
     # ------------------------------------------------------------------ forward
     def advance(
-        self, state: State, matter: Matter, span: Span, keep: bool = False
+        self, state: State, matter: Matter, span: Span, keep: bool = False, sums: Sums | None = None
     ) -> tuple[State, list[int], Rows | None]:
         """The state after ``span``; for each of LEFT, INVERTED, FAST one more than the index of a particle that did so
-        (0: none); and, if ``keep``, every state on the way, for ``advance_adjoint``."""
+        (0: none); and, if ``keep``, every state on the way, for ``advance_adjoint``. What ``sums`` asks for is added
+        to it."""
         with self._stream():
             work = Rows(self.kernels, state, slots=span.n_sub + 1 if keep else 1)
             status = torch.zeros(3, dtype=torch.int32, device=self.device)
             flowed = torch.empty_like(state.He) if keep and self.mixture.is_plastic else None
-            substeps = self._forward(work, matter, span, status, flowed)
+            substeps = self._forward(work, matter, span, status, flowed, sums)
             if keep:
                 self._replay(substeps, work.n)
             else:
@@ -75,23 +77,22 @@ class Solver:
             return end, status.tolist(), work if keep else None
 
     def _forward(
-        self, work: Rows, matter: Matter, span: Span, status: Tensor, flowed: Tensor | None = None
+        self, work: Rows, matter: Matter, span: Span, status: Tensor, flowed: Tensor | None, sums: Sums | None = None
     ) -> list[Callable[[int, int], None]]:
         """The substeps of ``span`` as functions of the rows to read and to write."""
         k, plastic = self.kernels, self.mixture.is_plastic
         low, n, dx, dt = self._frame(span)
         grid, grid_v = self._nodal("grid", span.grid), self._nodal("grid_v", span.grid)
-        a, mat = work.arrays, self._matter(matter)
+        a, mat, row = work.arrays, self._matter(matter), self._rows(span)
         He_out = a.He if flowed is None else view(flowed, k.mat33, self.device)
         st = wp.from_torch(status)
         p2g = self._record(k.p2g, work.n, [a.X, a.u, a.v, a.C, a.He, *mat, low, dx, dt, n, 0, grid, He_out, st])
-        grid_update = self._record(
-            k.grid_update, span.grid.nodes, [grid, self._rows(span), 0, self._kick(span), dx, n, grid_v]
-        )
+        grid_update = self._record(k.grid_update, span.grid.nodes, [grid, row, 0, self._kick(span), dx, n, grid_v])
         g2p = self._record(
             k.g2p, work.n,
             [a.X, a.u, He_out if plastic else a.He, a.H, grid_v, low, dx, dt, n, 0, 0, a.u, a.v, a.C, a.He, a.H, st],
         )  # fmt: skip
+        gather = None if sums is None else self._gather(work, mat[3], span, grid, row, sums)
 
         def step(s: int, at: int, to: int) -> None:
             if at != to:
@@ -100,10 +101,43 @@ class Solver:
             if not self._still:
                 _set(grid_update, s=s)
             p2g.launch()
+            if gather is not None:
+                gather(s, at)
             grid_update.launch()
             g2p.launch()
 
         return [lambda at, to, s=s: step(s, at, to) for s in range(span.n_sub)]
+
+    def _gather(
+        self, work: Rows, m: wp.array, span: Span, grid: wp.array, row: wp.array, sums: Sums
+    ) -> Callable[[int, int], None]:
+        """What one substep adds to ``sums`` between p2g and grid_update, as a function of its number and of the row to
+        read."""
+        k, a, kick = make_gather(self.mixture, self.walls, self.real), work.arrays, self._kick(span)
+        low, n, dx, _ = self._frame(span)
+        forces, walls, free = [], None, None
+        if sums.expected_dv is not None:
+            free, out = self._nodal("free", span.grid), view(sums.expected_dv, self.kernels.vec3, self.device)
+            forces = [
+                self._record(k.p2g_free, work.n, [a.X, a.u, a.v, a.C, m, low, dx, n, 0, free]),
+                self._record(k.add_forces, work.n, [a.X, a.u, grid, free, kick, low, dx, n, 0, out]),
+            ]
+        if sums.nodal is not None and self.walls:
+            nodal = view(sums.nodal, self.kernels.vec3, self.device)
+            walls = self._record(k.add_walls, span.grid.nodes, [grid, row, 0, kick, dx, n, nodal])
+
+        def add(s: int, at: int) -> None:
+            if free is not None:
+                free.zero_()
+            for command in forces:
+                _set(command, at=at)
+                command.launch()
+            if walls is not None:
+                if not self._still:
+                    _set(walls, s=s)
+                walls.launch()
+
+        return add
 
     # ------------------------------------------------------------------ backward
     def advance_adjoint(
@@ -165,15 +199,9 @@ class Solver:
             substep(i * n, (i + 1) * n)
 
     def _backward(
-        self,
-        work: Rows,
-        matter: Matter,
-        span: Span,
-        bars: State,
-        needs: Needs,
-        matter_bars: tuple[Tensor | None, ...],
-        flowed: Tensor | None,
-    ) -> Callable[[int, int, int], None]:
+        self, work: Rows, matter: Matter, span: Span, bars: State,
+        needs: Needs, matter_bars: tuple[Tensor | None, ...], flowed: Tensor | None,
+    ) -> Callable[[int, int, int], None]:  # fmt: skip
         """One substep backwards, as a function of its number and of the rows of its two ends."""
         k, mix = self.kernels, self.mixture
         adj = make_adjoint(mix, self.walls, self.real)
@@ -183,12 +211,8 @@ class Solver:
         He = a.He if flowed is None else view(flowed, k.mat33, self.device)
         scratch = view(flowed, k.mat33, self.device) if flowed is not None else a.He
         status = wp.zeros(3, dtype=wp.int32, device=str(self.device))
-        b = [
-            view(bars.x, k.vec3, self.device),
-            view(bars.v, k.vec3, self.device),
-            view(bars.C, k.mat33, self.device),
-            view(bars.He, k.mat33, self.device),
-        ]
+        pairs = ((bars.x, k.vec3), (bars.v, k.vec3), (bars.C, k.mat33), (bars.He, k.mat33))
+        b = [view(t, d, self.device) for t, d in pairs]
         H_bar = view(bars.H, k.mat33, self.device)
         mb = [
             view(t, d, self.device)
