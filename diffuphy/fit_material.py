@@ -25,6 +25,7 @@ from diffuphy.material.encoder import Points, features
 from diffuphy.material.field import Hypothesis, harden, prune, warm_start
 from diffuphy.material.net import MaterialNet, Net
 from diffuphy.material.patches import color_clusters, nearest
+from diffuphy.mpm import FrameReport
 from diffuphy.probe import Bench, Probe, TableClips, table_field
 from diffuphy.types import Gaussians, Look, MaterialField, Motion, Particles
 from diffuphy.workspace import Workspace
@@ -209,6 +210,7 @@ class FitMaterial:
         groups = [{"params": list(net.parameters()), "lr": self.lr}, {"params": [shift], "lr": self.lr_region}]
         optimiser = torch.optim.Adam(groups, betas=(0.9, 0.95))
         generator = torch.Generator().manual_seed(self.seed)
+        gather = (self.velocity.needs,) if self.velocity is not None and self.velocity.needs else ()
         if "net" in state:
             net.load_state_dict(state["net"])
             optimiser.load_state_dict(state["optimiser"])
@@ -222,11 +224,12 @@ class FitMaterial:
                     group["lr"] = rate * min(1.0, (step + 1) / 4) * (1 - 0.9 * step / self.steps)
                 frames = self._frames(step)
                 field = self._field(net, shift, labels)
-                trajectory = bench.simulate(field, frames, gate_time=self.gate_time)
+                reports: list[FrameReport] = []
+                trajectory = bench.simulate(field, frames, gate_time=self.gate_time, report=reports, gather=gather)
                 t = self.t_range[0] + (self.t_range[1] - self.t_range[0]) * float(torch.rand((), generator=generator))
                 loss = distilled = cond.distil(bench.film(trajectory), t=t, generator=generator, weight=self.weight)
                 if self.velocity is not None and self.velocity.weight:
-                    loss = loss + bench.velocity_loss(self.velocity, trajectory, field)
+                    loss = loss + bench.velocity_loss(self.velocity, trajectory, field, reports)
                 optimiser.zero_grad()
                 loss.backward()
                 norm = torch.nn.utils.clip_grad_norm_([*net.parameters(), shift], 1.0, error_if_nonfinite=True)

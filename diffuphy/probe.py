@@ -7,13 +7,16 @@ basin, longer clips have many.
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
 
+from diffuphy.losses.velocity import Velocity
 from diffuphy.material import presets, rate_gate, wave_speed
-from diffuphy.mpm import HalfSpace, Scene, rollout
+from diffuphy.mpm import FrameReport, HalfSpace, Scene, rollout
 from diffuphy.mpm.sample import coarsen
 from diffuphy.render import Skin, look_at, render_gaussians
 from diffuphy.types import Camera, Gaussians, Look, MaterialField, Motion, Particles, Trajectory
@@ -101,7 +104,13 @@ class Bench:
         return torch.tensor(self.probe.background, device=self.draft.x.device)
 
     def simulate(
-        self, field: MaterialField, frames: int | None = None, *, scene: Scene | None = None, gate_time: float | None = None
+        self,
+        field: MaterialField,
+        frames: int | None = None,
+        *,
+        scene: Scene | None = None,
+        gate_time: float | None = None,
+        **options: Any,
     ) -> Trajectory:
         """Drop the draft particles; differentiable in ``field`` where gradients are enabled.
 
@@ -109,11 +118,42 @@ class Bench:
             frames: frames after the initial state; all of the probe's by default.
             scene: another motion (held-out test); the drop by default.
             gate_time: reference time of rate-form plastic gates [s]; None uses the weights as they are.
+            options: of ``mpm.simulate``; ``report=[], gather=("impulse",)`` has the reports hold what a loss needs.
         """
         scene = scene or self.scene
         if gate_time is not None and "identity" in field.plastic:
             field = dataclasses.replace(field, w_p=rate_gate(field.w_p, field.plastic, self.substep(field), gate_time))
-        return rollout(scene, self.draft.x, self.draft.vol, field, frames=frames, grad=torch.is_grad_enabled())
+        grad = torch.is_grad_enabled()
+        return rollout(scene, self.draft.x, self.draft.vol, field, frames=frames, grad=grad, **options)
+
+    def velocity_loss(
+        self, velocity: Velocity, trajectory: Trajectory, field: MaterialField, reports: Sequence[FrameReport] = ()
+    ) -> Tensor:
+        """λ_vel · L_vel of a drop (``losses.velocity``), a scalar.
+
+        What the simulator gathered, and the masses that go with it, are constants: the gradient is that of the
+        velocities alone.
+
+        Args:
+            velocity: form and weight.
+            trajectory: of ``simulate``, T frames after the initial state.
+            field: the material it was simulated with.
+            reports: of the T frames, with ``velocity.needs`` gathered if that is not None.
+
+        Raises:
+            ValueError: when the form needs what was not gathered in every frame.
+        """
+        m = field.rho.detach() * self.draft.vol
+        needed = {}
+        if velocity.needs is not None:
+            sums = [getattr(report, velocity.needs) for report in reports]
+            if not sums or any(s is None for s in sums):
+                raise ValueError(
+                    f"velocity.form = {velocity.form!r} needs {velocity.needs} of each frame; "
+                    f"simulate with report=reports and gather=({velocity.needs!r},)"
+                )
+            needed[velocity.needs] = torch.stack(sums)
+        return velocity(trajectory.v, m, gravity=self.scene.gravity, dt=1 / self.scene.fps, **needed)
 
     def substep(self, field: MaterialField) -> float:
         """Nominal time step of the drop [s]: what rate-form gates are scaled by."""
