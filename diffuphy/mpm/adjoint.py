@@ -7,10 +7,9 @@ With bars for ∂loss/∂, v_i after contact and P = 1/m_i the scaling of the gr
     grid    v̄_i ← contactᵀ v̄_i,   q̄_i = v̄_i / m_i,   m̄_i = −v̄_i · q_i / m_i²
     p2g     S = Σ_i w_ip q̄_i,  Ā = Σ_i w_ip q̄_i d_ipᵀ:   v̄_p = m_p S,  C̄_p = m_p Ā,  τ̄_p = −Δt V_p (4/Δx²) Ā,
             m̄_p = S·v_p + Ā:C_p + Σ_i w_ip m̄_i,  x̄_p += Σ_i (q̄_i · q_ip + m̄_i m_p) ∂w_ip/∂x_p − Aᵀ S
-            and (τ̄_p, F̄e_p) → H̄_p, w̄, θ̄ by the mixture's own adjoint.                                    d_ip =
-            x_i − x_p
+            and (τ̄_p, F̄e_p) → H̄_p, w̄, θ̄ by the mixture's own adjoint
 
-A particle's row is written by its own thread alone; only the grid is summed into.
+with d_ip = x_i − x_p. A particle's row is written by its own thread alone; only the grid is summed into.
 """
 
 from types import SimpleNamespace
@@ -28,7 +27,9 @@ sixteen cases."""
 
 def make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace:
     """The four kernels of a backward substep: ``grid_again``, ``g2p_adjoint``, ``grid_adjoint``, ``p2g_adjoint``.
-    Cached."""
+
+    Cached.
+    """
     return cached(_make_adjoint, mixture, walls, real)
 
 
@@ -42,6 +43,25 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
     apply, contact_adjoint, velocity, place = contact.apply, contact.adjoint, forward.velocity, forward.place
     plastic, has_walls = mixture.is_plastic, len(walls) > 0
     ke, kp = mixture.Ke, mixture.Kp
+
+    @wp.func
+    def columns(A: mat33):
+        """Columns of a matrix that acts on momentum or velocity, as rows of the grid; they carry no mass."""
+        z = real(0.0)
+        return (
+            vec4(A[0, 0], A[1, 0], A[2, 0], z),
+            vec4(A[0, 1], A[1, 1], A[2, 1], z),
+            vec4(A[0, 2], A[1, 2], A[2, 2], z),
+        )
+
+    @wp.func
+    def about_particle(s0: vec4, s1: vec4, s2: vec4, S: vec3, f: vec3):
+        """First moments about the particle, Σ_i w_ip q̄_i d_ipᵀ, from those about the lowest node [per cell]."""
+        return wp.matrix_from_cols(
+            vec3(s0[0], s0[1], s0[2]) - S * f[0],
+            vec3(s1[0], s1[1], s1[2]) - S * f[1],
+            vec3(s2[0], s2[1], s2[2]) - S * f[2],
+        )
 
     @wp.kernel(module="unique", enable_backward=False)
     def grid_again(
@@ -107,9 +127,7 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         x_next = x_bar[p]
         q3 = v_bar[p] + dt * x_next - B * f
         q = vec4(q3[0], q3[1], q3[2], real(0.0))
-        b0 = vec4(B[0, 0], B[1, 0], B[2, 0], real(0.0))
-        b1 = vec4(B[0, 1], B[1, 1], B[2, 1], real(0.0))
-        b2 = vec4(B[0, 2], B[1, 2], B[2, 2], real(0.0))
+        b0, b1, b2 = columns(B)
         along = vec3()
         total = vec4()
         for i in range(3):
@@ -205,9 +223,7 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         A = (m_p * dx) * C_p - k4 * tau
         q3 = m_p * v_p - A * f
         q = vec4(q3[0], q3[1], q3[2], m_p)
-        a0 = vec4(A[0, 0], A[1, 0], A[2, 0], real(0.0))
-        a1 = vec4(A[0, 1], A[1, 1], A[2, 1], real(0.0))
-        a2 = vec4(A[0, 2], A[1, 2], A[2, 2], real(0.0))
+        a0, a1, a2 = columns(A)
         s0, s1, s2, s3 = vec4(), vec4(), vec4(), vec4()
         along = vec3()
         for i in range(3):
@@ -229,11 +245,7 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
                 s1 += wp.static(real(j)) * t
                 s2 += t1 + real(2.0) * t2
         S = vec3(s3[0], s3[1], s3[2])
-        A_bar = wp.matrix_from_cols(  # per cell
-            vec3(s0[0], s0[1], s0[2]) - S * f[0],
-            vec3(s1[0], s1[1], s1[2]) - S * f[1],
-            vec3(s2[0], s2[1], s2[2]) - S * f[2],
-        )
+        A_bar = about_particle(s0, s1, s2, S, f)
         x_bar[p] = x_bar[p] + idx * (along - wp.transpose(A) * S)
         v_bar[p] = m_p * S
         C_bar[p] = (m_p * dx) * A_bar
