@@ -22,6 +22,7 @@ from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.losses.velocity import Velocity
 from diffuphy.material.presets import lookup
 from diffuphy.mpm.sample import Sample
+from diffuphy.render.sh import from_rgb
 from diffuphy.text2gs.shapes import Library
 from diffuphy.types import Gaussians, Look, MaterialField, Motion
 from diffuphy.workspace import Workspace
@@ -40,7 +41,7 @@ def dressed(subject: str, *, count: int = 8000, seed: int = 0) -> tuple[Look, Ga
         torch.tensor([1.0, 0, 0, 0]).repeat(n, 1),
         (0.6 * spacing).log().expand(n, 3).clone(),
         torch.full((n,), 4.0),
-        ((colors - 0.5) / 0.28209479)[:, None, :],
+        from_rgb(colors),
     )
 
 

@@ -13,6 +13,7 @@ from diffuphy.plan import Plan
 from diffuphy.render import contact_sheet, orbit, render_gaussians, write_mp4, write_png
 from diffuphy.render.ply import write as write_ply
 from diffuphy.render.report import Report
+from diffuphy.render.sh import from_rgb
 from diffuphy.types import Clip, Gaussians, MaterialField, Particles, Prompt
 
 COLD, WARM = torch.tensor([0.23, 0.30, 0.75]), torch.tensor([0.71, 0.02, 0.15])
@@ -92,7 +93,7 @@ def maps(gaussians: Gaussians, particles: Particles, field: MaterialField, size:
             gaussians.quats[visible],
             gaussians.log_scales[visible],
             gaussians.logit_opacities[visible],
-            ((colors[index] - 0.5) / 0.28209479)[:, None, :],
+            from_rgb(colors[index]),
         )
         with torch.no_grad():
             return render_gaussians(painted, camera, background=torch.ones(3)).rgb[0].clamp(0, 1).numpy()

@@ -1,14 +1,15 @@
 """A cloud of Gaussians as a solid on a lattice: density, connected pieces, and what is enclosed.
 
 Everything is a fixed number of array operations a sweep, and every sweep that repeats stops when nothing changes,
-after at most
-as many repetitions as there are cells. The same input gives the same answer to the last bit.
+after at most as many repetitions as there are cells. The same input gives the same answer to the last bit.
 """
 
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
+
+from diffuphy.geometry import rotations
 
 REACH = 3.0
 """Standard deviations after which a Gaussian is cut off: e^(−9/2) = 1 % of its peak."""
@@ -51,17 +52,6 @@ class Lattice:
     def center(self, cell: Tensor) -> Tensor:
         """Centres of cells [m], float64."""
         return self.low + self.h * (cell.double() + 0.5)
-
-
-def rotations(quats: Tensor) -> Tensor:
-    """Rotation matrices of quaternions wxyz, shape (N, 3, 3)."""
-    w, x, y, z = torch.nn.functional.normalize(quats, dim=1).unbind(1)
-    rows = (
-        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
-    )  # fmt: skip
-    return torch.stack(rows, 1).reshape(-1, 3, 3)
 
 
 def density(lattice: Lattice, x: Tensor, quats: Tensor, scales: Tensor, opacities: Tensor) -> Tensor:
@@ -125,8 +115,7 @@ def outside(mask: Tensor, seal: int) -> Tensor:
     it.
 
     The walls are made ``seal`` cells thicker while the outside is flooded, which closes holes up to 2 seal cells
-    wide, and the
-    outside is grown back as much afterwards.
+    wide, and the outside is grown back as much afterwards.
     """
     wall = grow(mask, seal)
     rim = torch.ones_like(mask)

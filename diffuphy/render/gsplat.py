@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from diffuphy.geometry import covariances
 from diffuphy.render.image import Image
 from diffuphy.types import Camera
 
@@ -53,9 +54,7 @@ class Gsplat:
             ) from error
         covars = None
         if F is not None:
-            from diffuphy.render.project import covariance
-
-            covars = covariance(quats, scales, F)
+            covars = covariances(quats, scales, F)
         features, alpha, meta = rasterization(
             means=means,
             quats=quats,

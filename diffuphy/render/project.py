@@ -8,31 +8,13 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from diffuphy.geometry import covariances
 from diffuphy.render.image import Image
 from diffuphy.types import Camera
 
 
-def rotation(quats: Tensor) -> Tensor:
-    """Matrices (..., 3, 3) of quaternions wxyz (..., 4) of any length but zero."""
-    w, x, y, z = torch.nn.functional.normalize(quats, dim=-1).unbind(-1)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return torch.stack([torch.stack(row, dim=-1) for row in rows], dim=-2)
-
-
-def covariance(quats: Tensor, scales: Tensor, F: Tensor | None = None) -> Tensor:
-    """Σ = F R S² Rᵀ Fᵀ, shape (G, 3, 3)."""
-    M = rotation(quats) * scales[..., None, :]
-    if F is not None:
-        M = F @ M
-    return M @ M.mT
-
-
 def project(
-    means: Tensor, covariances: Tensor, viewmat: Tensor, K: Tensor, size: tuple[int, int], dilation: float
+    means: Tensor, Sigma: Tensor, viewmat: Tensor, K: Tensor, size: tuple[int, int], dilation: float
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Centres (G, 2) [px], covariances (G, 2, 2) [px²] and depths (G,) in one view: Σ₂ = J W Σ Wᵀ Jᵀ + ε I.
 
@@ -49,7 +31,7 @@ def project(
     J = J + torch.diag_embed(focal / z[:, None])[:, :, [0, 1, 1]] * means.new_tensor([1, 1, 0])
     J = J - (focal * slope_J / z[:, None])[:, :, None] * means.new_tensor([0, 0, 1])
     JW = J @ W
-    covariance2d = JW @ covariances @ JW.mT + dilation * torch.eye(2, dtype=means.dtype, device=means.device)
+    covariance2d = JW @ Sigma @ JW.mT + dilation * torch.eye(2, dtype=means.dtype, device=means.device)
     return focal * slope + centre, covariance2d, z
 
 
@@ -107,14 +89,14 @@ class Dense:
     ) -> Image:
         """See :func:`diffuphy.render.rasterize`."""
         size = (camera.width, camera.height)
-        covariances = covariance(quats, scales, F)
+        Sigma = covariances(quats, scales, F)
         views = []
         for c in range(len(camera)):
             view, K = camera.viewmats[c].to(means), camera.Ks[c].to(means)
             depth = (means @ view[:3, :3].mT + view[:3, 3])[:, 2].detach()
             order = torch.argsort(depth, stable=True)
             order = order[depth[order] > self.near]
-            means2d, covariances2d, z = project(means[order], covariances[order], view, K, size, self.dilation)
+            means2d, covariances2d, z = project(means[order], Sigma[order], view, K, size, self.dilation)
             color = (colors[c] if colors.dim() == 3 else colors)[order]
             features, alpha = composite(
                 means2d,

@@ -7,8 +7,9 @@ import pytest
 import torch
 from torch import Tensor
 
+from diffuphy.geometry import covariances
 from diffuphy.render import Dense, Image, Rasteriser, Warp, orbit, rasterize
-from diffuphy.render.project import composite, covariance, project
+from diffuphy.render.project import composite, project
 from diffuphy.types import Camera
 
 try:
@@ -193,8 +194,8 @@ def test_means2d_gradient_is_kept_for_densification() -> None:
     image = draw(leaves, camera, Warp())
     weighted_sum(image).backward()
 
-    covariances = covariance(operands["quats"], operands["scales"], operands["F"])
-    means2d, covariances2d, z = project(operands["means"], covariances, camera.viewmats[0], camera.Ks[0], (48, 40), 0.3)
+    Sigma = covariances(operands["quats"], operands["scales"], operands["F"])
+    means2d, covariances2d, z = project(operands["means"], Sigma, camera.viewmats[0], camera.Ks[0], (48, 40), 0.3)
     order = torch.argsort(z)
     order = order[z[order] > 0.01]
     means2d.requires_grad_()

@@ -5,8 +5,8 @@ import math
 import pytest
 import torch
 
+from diffuphy.geometry import rotations
 from diffuphy.render import orbit, rasterize, render_gaussians, sh
-from diffuphy.render.project import rotation
 from diffuphy.types import Camera, Gaussians
 
 
@@ -50,7 +50,7 @@ def test_degree_one_is_the_published_one() -> None:
 def test_rotated_coefficients_give_the_rotated_function(degree: int) -> None:
     """f'(R d) = f(d) for f' = rotate(f, R)."""
     coefficients, d = normal(5, (degree + 1) ** 2, 3), unit(50, 3, seed=1)
-    R = rotation(normal(5, 4, seed=2))
+    R = rotations(normal(5, 4, seed=2))
     turned = sh.rotate(coefficients, R)
     before = torch.einsum("nk,gkc->gnc", sh.basis(d, degree), coefficients)
     after = torch.einsum("gnk,gkc->gnc", sh.basis(d @ R.mT, degree), turned)
@@ -60,7 +60,7 @@ def test_rotated_coefficients_give_the_rotated_function(degree: int) -> None:
 def test_rotations_compose_and_keep_length() -> None:
     """rotate(rotate(f, A), B) = rotate(f, B A), and each band keeps its norm."""
     f = normal(4, 16, 3)
-    A, B = rotation(normal(4, 4, seed=1)), rotation(normal(4, 4, seed=2))
+    A, B = rotations(normal(4, 4, seed=1)), rotations(normal(4, 4, seed=2))
     torch.testing.assert_close(sh.rotate(sh.rotate(f, A), B), sh.rotate(f, B @ A), rtol=1e-12, atol=1e-12)
     for b in range(4):
         band = slice(b * b, (b + 1) ** 2)
@@ -70,7 +70,7 @@ def test_rotations_compose_and_keep_length() -> None:
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_polar_is_the_rotation_of_the_svd(dtype: torch.dtype) -> None:
     """polar(F) = U Vᵀ for F = U S Vᵀ with stretches from 1/30 to 30, and exactly 1 for F = 1."""
-    U, V = rotation(normal(200, 4)), rotation(normal(200, 4, seed=1))
+    U, V = rotations(normal(200, 4)), rotations(normal(200, 4, seed=1))
     S = 30.0 ** torch.empty(200, 3, dtype=torch.float64).uniform_(-1, 1, generator=torch.Generator().manual_seed(2))
     F = ((U * S[:, None]) @ V.mT).to(dtype)
     # the inverse by cofactors in Newton's step is exact to eps times the condition number σ₁ / σ₃
@@ -91,7 +91,7 @@ def test_polar_gradient_is_right_at_the_identity() -> None:
 def test_a_rotating_body_carries_its_colours(degree: int) -> None:
     """Deforming by F = R looks like rotating centres, orientations and coefficients by R; so does turning the camera
     by Rᵀ."""
-    R = rotation(normal(1, 4, seed=5))[0]
+    R = rotations(normal(1, 4, seed=5))[0]
     stretch = torch.diag(torch.tensor([1.3, 0.8, 1.0], dtype=torch.float64))
     means, coefficients, camera = 0.5 * normal(20, 3), normal(20, (degree + 1) ** 2, 3), one_camera()
     moved = means @ R.mT

@@ -8,7 +8,7 @@ forms of the primitives are those collected by I. Quilez, "Distance functions" (
 
 import warp as wp
 
-wp.config.quiet = True
+import diffuphy.compiling  # noqa: F401, sets Warp up before it starts
 
 ELLIPSOID, DOME, FRUSTUM, BOX, TORUS, CONE, STAR = range(7)
 """Kinds of primitives; what `a` means for each is said in `primitives.Sketch`."""

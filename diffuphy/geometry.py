@@ -1,0 +1,28 @@
+"""Rotations and covariances of Gaussians."""
+
+import torch
+from torch import Tensor
+
+
+def rotations(quats: Tensor) -> Tensor:
+    """Matrices R, shape (..., 3, 3), of quaternions wxyz, shape (..., 4), of any length but zero."""
+    w, x, y, z = torch.nn.functional.normalize(quats, dim=-1).unbind(-1)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return torch.stack([torch.stack(row, dim=-1) for row in rows], dim=-2)
+
+
+def covariances(quats: Tensor, scales: Tensor, F: Tensor | None = None) -> Tensor:
+    """Σ = F R S² Rᵀ Fᵀ, shape (..., 3, 3), in the unit of ``scales`` squared.
+
+    Args:
+        quats: orientations wxyz, shape (..., 4). scales: standard deviations, shape (..., 3).
+        F: deformation gradients, shape (..., 3, 3); the identity when left out.
+    """
+    M = rotations(quats) * scales[..., None, :]
+    if F is not None:
+        M = F @ M
+    return M @ M.mT
