@@ -3,30 +3,30 @@
     probe the object → scan experts × stiffness, forward only → refine a network inside the best basin → harden
 
 The scan finds the basin, the gradient the bottom of it. The gradient runs the whole way back: pixels → Gaussians →
-trajectory → MPM adjoint → mixture → decoder → encoder. DiffuPhyGS (2025), §3.3–3.4; recipe and failures: docs/learning.md.
+trajectory → MPM adjoint → mixture → decoder → encoder. DiffuPhyGS (2025), §3.3–3.4. Recipe and
+failures: docs/learning.md.
 """
 
 import dataclasses
-import itertools
 import logging
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
-from diffuphy.losses.sds import Weight, sds
+from diffuphy.appearance import appearance
+from diffuphy.losses.sds import Weight
 from diffuphy.losses.velocity import Velocity
-from diffuphy.material import ELASTIC, PLASTIC, Param
+from diffuphy.material import ELASTIC, Param
 from diffuphy.material.decoder import bounded, inside
-from diffuphy.material.encoder import Points, features
+from diffuphy.material.encoder import Points
 from diffuphy.material.field import Hypothesis, harden, prune, warm_start
 from diffuphy.material.net import MaterialNet, Net
 from diffuphy.material.patches import color_clusters, nearest
 from diffuphy.mpm import FrameReport
 from diffuphy.probe import Bench, Probe, TableClips, table_field
+from diffuphy.scan import Conditions, region_values, scan, with_columns
 from diffuphy.types import Gaussians, Look, MaterialField, Motion, Particles
 from diffuphy.workspace import Workspace
 
@@ -103,13 +103,13 @@ class FitMaterial:
             One-hot on experts (so that the film does not depend on the time step), unused experts pruned.
         """
         bench = self.probe.bench(gaussians, particles, motion.size)
-        table = self._candidates(table_field(self.library, look, motion, bench.draft))
+        table = self._table(look, motion, bench)
         guidance = self._guidance(look, motion, gaussians, particles)
         cond = Conditions(guidance, motion, bench)
         points = appearance(gaussians, bench.draft)
         labels = self._labels(motion, points)
 
-        state = work.load() or {"step": 0, "chosen": self._scan(bench, cond, table, labels, work)}
+        state = work.load() or {"step": 0, "chosen": self._chosen(bench, cond, table, labels, work)}
         chosen = [Hypothesis(**h) for h in state["chosen"]]
         net, shift = self._train(bench, cond, points, labels, chosen, state, work)
 
@@ -118,83 +118,44 @@ class FitMaterial:
             self._verdict(bench, cond, draft, table, work)
             return self._film_field(net, shift, labels, gaussians, particles, bench)
 
-    def _candidates(self, table: MaterialField) -> MaterialField:
-        """The table's field with one column for each candidate expert."""
-        elastic = self.elastic or table.elastic
-        plastic = self.plastic or table.plastic
-
-        def columns(names: Sequence[str], have: Sequence[str], w: Tensor) -> Tensor:
-            missing = [n for n in have if n not in names and bool((w[:, have.index(n)] > 0).any())]
-            if missing:
-                raise ValueError(f"the table needs expert {missing[0]!r}, which is not among the candidates {tuple(names)}")
-            zero = torch.zeros_like(w[:, 0])
-            return torch.stack([w[:, have.index(n)] if n in have else zero for n in names], 1)
-
-        theta = dict(table.theta)
-        for p in parameters(elastic, plastic):
-            theta.setdefault(p.name, torch.full_like(table.rho, p.default))
-        return MaterialField(
-            tuple(elastic),
-            tuple(plastic),
-            columns(elastic, table.elastic, table.w_e),
-            columns(plastic, table.plastic, table.w_p),
-            theta,
-            table.rho,
-        )
-
     def _guidance(self, look: Look, motion: Motion, gaussians: Gaussians, particles: Particles) -> Any:
         """The prior; the analytic one knows clips of the probe by heart, simulated with another draw of particles."""
         if getattr(self.guidance, "references", 0) is not None:
             return self.guidance
         other = dataclasses.replace(self.probe, seed=self.probe.seed + 1).bench(gaussians, particles, motion.size)
-        table = self._candidates(table_field(self.library, look, motion, other.draft))
-        return dataclasses.replace(self.guidance, references=TableClips(other, table))
+        return dataclasses.replace(self.guidance, references=TableClips(other, self._table(look, motion, other)))
+
+    def _table(self, look: Look, motion: Motion, bench: Bench) -> MaterialField:
+        """What the table says of the draft particles, with a column for each candidate expert."""
+        table = table_field(self.library, look, motion, bench.draft)
+        return with_columns(table, self.elastic or table.elastic, self.plastic or table.plastic)
 
     def _labels(self, motion: Motion, points: Points) -> Tensor:
         """Region of each draft particle: colour clusters, as many as the prompt has materials."""
         k = min(self.regions, len(set(motion.materials.values())))
         return color_clusters(points.f[:, 7:10], k)[0]
 
-    # ------------------------------------------------------------------ forward only: find the basin
-    def _scan(self, bench: Bench, cond: "Conditions", table: MaterialField, labels: Tensor, work: Workspace) -> list[dict]:
-        """Score every combination of plastic expert × stiffness over the regions; return the best, one per region."""
-        regions = [table_values(table, labels == r) for r in range(int(labels.max()) + 1)]
-        if not self.stiffness_steps:
-            start = {"elastic": None, "plastic": None}
-            return [start | {"theta": theta | {"E": 10**self.start}, "rho": rho} for theta, rho in regions]
-        lo, hi = self.stiffness
-        grid = torch.linspace(lo + 0.1, hi - 0.1, self.stiffness_steps, dtype=torch.float64).tolist()
-        single = list(itertools.product(table.plastic, grid))
-        pairs = list(itertools.product(single, repeat=len(regions)))
-
-        def hypotheses(pair: tuple) -> list[dict]:
-            return [
-                {"elastic": table.elastic[0], "plastic": plastic, "theta": theta | {"E": 10**log_E}, "rho": rho}
-                for (plastic, log_E), (theta, rho) in zip(pair, regions, strict=True)
-            ]
-
-        def score(pair: tuple) -> float:
-            guess = warm_start(table.elastic, table.plastic, labels, [Hypothesis(**h) for h in hypotheses(pair)])
-            with torch.no_grad():
-                clip = bench.clip(prune(guess).field, self.scan_frames)
-                return float(cond.distil(clip, t=0.5, noise=cond.fixed_noise(clip), weight=self.weight))
-
-        scores = []
-        cond.prepare(self.scan_frames)
-        with work.bar(len(pairs), "material: scan") as bar, ThreadPoolExecutor(2) as pool:
-            for pair, value in zip(pairs, pool.map(score, pairs), strict=True):
-                scores.append(value)
-                bar.update()
-                work.log(len(scores), scan=value, hypothesis=str([f"{p} E=1e{e:.2f}" for p, e in pair]))
-        best = min(range(len(pairs)), key=scores.__getitem__)
-        log.info("material: scanned %d hypotheses, best %s", len(pairs), [f"{p} E=1e{e:.2f} Pa" for p, e in pairs[best]])
-        return hypotheses(pairs[best])
+    def _chosen(
+        self, bench: Bench, cond: Conditions, table: MaterialField, labels: Tensor, work: Workspace
+    ) -> list[dict[str, Any]]:
+        """One hypothesis for each region: the best of the scan, or an open one without it."""
+        if self.stiffness_steps:
+            lo, hi = self.stiffness
+            regions = int(labels.max()) + 1
+            steps = max(2, self.stiffness_steps // regions)  # a joint scan of regions grows like a power of them
+            grid = torch.linspace(lo + 0.1, hi - 0.1, steps, dtype=torch.float64).tolist()
+            return scan(bench, cond, table, labels, grid, frames=self.scan_frames, weight=self.weight, work=work)
+        regions = region_values(table, labels)
+        return [
+            {"elastic": None, "plastic": None, "theta": r["theta"] | {"E": 10**self.start}, "rho": r["rho"]}
+            for r in regions
+        ]
 
     # ------------------------------------------------------------------ full gradient: find the bottom
     def _train(
         self,
         bench: Bench,
-        cond: "Conditions",
+        cond: Conditions,
         points: Points,
         labels: Tensor,
         chosen: list[Hypothesis],
@@ -279,92 +240,26 @@ class FitMaterial:
 
     # ------------------------------------------------------------------ how good is it
     def _verdict(
-        self, bench: Bench, cond: "Conditions", field: MaterialField, table: MaterialField, work: Workspace
+        self, bench: Bench, cond: Conditions, field: MaterialField, table: MaterialField, work: Workspace
     ) -> None:
-        """Hardened loss, held-out motion, and the loss at the table's own parameters: below that one fits discretisation."""
+        """Hardened loss, held-out motion, and the loss at the table itself: below it one fits discretisation."""
         clip = bench.clip(prune(field).field)
         numbers = {"hardened_loss": float(cond.distil(clip, t=0.5, noise=cond.fixed_noise(clip), weight=self.weight))}
         if isinstance(getattr(cond.guidance, "references", None), TableClips):
             own = bench.clip(prune(table).field)
             numbers["loss_at_table"] = float(cond.distil(own, t=0.5, noise=cond.fixed_noise(own), weight=self.weight))
-            other = dataclasses.replace(self.probe, speed=1.7 * self.probe.speed, tilt=0.25).scene(bench.scene.dx, bench.size)
+            other = dataclasses.replace(self.probe, speed=1.7 * self.probe.speed, tilt=0.25).scene(
+                bench.scene.dx, bench.size
+            )
             mine, theirs = (bench.film(bench.simulate(prune(f).field, scene=other)) for f in (field, table))
             numbers["held_out_motion"] = float(((mine - theirs) ** 2).mean())
         work.summary(numbers | summary(field))
 
 
-class Conditions:
-    """The video prior's condition for clips of the probe's first frames, made once for each length."""
-
-    def __init__(self, guidance: Any, motion: Motion, bench: Bench):
-        self.guidance, self.motion, self.bench = guidance, motion, bench
-        self._made: dict[int, Any] = {}
-
-    def prepare(self, frames: int) -> Any:
-        if frames not in self._made:
-            camera = self.bench.camera[[0] * frames]
-            generator = torch.Generator().manual_seed(0)
-            self._made[frames] = self.guidance.condition(self.motion, camera, self.bench.background, generator=generator)
-        return self._made[frames]
-
-    def fixed_noise(self, clip: Tensor) -> Tensor:
-        """The same noise for every clip of this length, so that hypotheses are compared and not luck."""
-        z = self.guidance.encode(clip[None])
-        return torch.randn(z.shape, generator=torch.Generator().manual_seed(1)).to(z)
-
-    def distil(self, clip: Tensor, *, t: float, weight: Weight, **noise: Any) -> Tensor:
-        """Score distillation of one clip (T, H, W, 3); its gradient is per pixel, so clips of any length weigh the same."""
-        times = torch.tensor([t], device=clip.device)
-        value = sds(self.guidance, clip[None], self.prepare(len(clip)), t=times, weight=weight, **noise)
-        return value.detach() + (value - value.detach()) / clip.numel()
-
-
-def parameters(elastic: Sequence[str], plastic: Sequence[str]) -> list[Param]:
-    """Parameters of these experts, each name once."""
-    found = {p.name: p for law in (*(ELASTIC[n] for n in elastic), *(PLASTIC[n] for n in plastic)) for p in law.params}
-    return list(found.values())
-
-
-def table_values(table: MaterialField, where: Tensor) -> tuple[dict[str, float], float]:
-    """Mean parameters and density of one region."""
-    return {k: float(v[where].mean()) for k, v in table.theta.items()}, float(table.rho[where].mean())
-
-
 def summary(field: MaterialField) -> dict[str, float]:
     """Mean log10 E and mean weight of each expert, for the log."""
     log_E = field.theta["E"].detach().log10()
-    weights = zip((*field.elastic, *field.plastic), (*field.w_e.detach().mean(0), *field.w_p.detach().mean(0)), strict=True)
+    weights = zip(
+        (*field.elastic, *field.plastic), (*field.w_e.detach().mean(0), *field.w_p.detach().mean(0)), strict=True
+    )
     return {"log10_E": float(log_E.mean()), **{f"w_{name}": float(w) for name, w in weights}}
-
-
-def appearance(gaussians: Gaussians, particles: Particles) -> Points:
-    """What the network sees of each particle: its Gaussian, or the nearest one for interior filler."""
-    means = gaussians.means * particles.scale + particles.x.new_tensor(particles.offset)
-    index = particles.gaussian.clone()
-    filler = index < 0
-    if bool(filler.any()):
-        index[filler] = nearest(particles.x[filler], means, 1)[1][:, 0]
-    chosen = take_gaussians(gaussians, index)
-    colors = (0.5 + 0.28209479 * chosen.sh[:, 0]).clamp(0, 1)
-    return features(particles.x, colors, chosen.logit_opacities.sigmoid(), covariance(chosen) * particles.scale**2)
-
-
-def take_gaussians(gaussians: Gaussians, index: Tensor) -> Gaussians:
-    return Gaussians(*(getattr(gaussians, f.name)[index] for f in dataclasses.fields(gaussians)))
-
-
-def covariance(gaussians: Gaussians) -> Tensor:
-    """Σ = R S² Rᵀ, shape (G, 3, 3), in the unit of the means."""
-    w, x, y, z = torch.nn.functional.normalize(gaussians.quats, dim=1).unbind(1)
-    R = torch.stack(
-        [
-            1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-            2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-            2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
-        ],
-        1,
-    ).view(-1, 3, 3)  # fmt: skip
-    return (R * (2 * gaussians.log_scales).exp()[:, None, :]) @ R.mT
-
-
-

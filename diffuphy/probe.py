@@ -1,11 +1,10 @@
 """The experiment materials are learnt from: a coarse copy of the object, thrown at the floor, filmed by one camera.
 
-One short drop shows stiffness (how far it flattens, how soon it leaves), plasticity (what stays) and friction; whatever the
-film later shows, the material is the object's own. Small and short on purpose: twelve frames with one impact have one
-basin, longer clips have many.
+One short drop shows stiffness (how far it flattens, how soon it leaves), plasticity (what stays) and friction;
+whatever the film later shows, the material is the object's own. Small and short on purpose: twelve frames with one
+impact have one basin, longer clips have many.
 """
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ import torch
 from torch import Tensor
 
 from diffuphy.losses.velocity import Velocity
-from diffuphy.material import presets, rate_gate, wave_speed
+from diffuphy.material import presets
 from diffuphy.mpm import FrameReport, HalfSpace, Scene, rollout
 from diffuphy.mpm.sample import coarsen
 from diffuphy.render import Skin, look_at, render_gaussians
@@ -54,7 +53,8 @@ class Probe:
     def __post_init__(self) -> None:
         if self.particles < 64 or self.frames < 2 or self.image < 16:
             raise ValueError(
-                f"a probe needs particles ≥ 64, frames ≥ 2 and image ≥ 16, got {self.particles}, {self.frames}, {self.image}"
+                "a probe needs particles ≥ 64, frames ≥ 2 and image ≥ 16, "
+                f"got {self.particles}, {self.frames}, {self.image}"
             )
 
     def scene(self, dx: float, size: float) -> Scene:
@@ -121,10 +121,10 @@ class Bench:
             options: of ``mpm.simulate``; ``report=[], gather=("impulse",)`` has the reports hold what a loss needs.
         """
         scene = scene or self.scene
-        if gate_time is not None and "identity" in field.plastic:
-            field = dataclasses.replace(field, w_p=rate_gate(field.w_p, field.plastic, self.substep(field), gate_time))
-        grad = torch.is_grad_enabled()
-        return rollout(scene, self.draft.x, self.draft.vol, field, frames=frames, grad=grad, **options)
+        options = {"dt_ref": gate_time if "identity" in field.plastic else None} | options
+        if torch.is_grad_enabled():
+            options = {"grad": True, "keep": True} | options
+        return rollout(scene, self.draft.x, self.draft.vol, field, frames=frames, **options)
 
     def velocity_loss(
         self, velocity: Velocity, trajectory: Trajectory, field: MaterialField, reports: Sequence[FrameReport] = ()
@@ -155,12 +155,6 @@ class Bench:
             needed[velocity.needs] = torch.stack(sums)
         return velocity(trajectory.v, m, gravity=self.scene.gravity, dt=1 / self.scene.fps, **needed)
 
-    def substep(self, field: MaterialField) -> float:
-        """Nominal time step of the drop [s]: what rate-form gates are scaled by."""
-        c = float(wave_speed(field.elastic, field.w_e.detach(), _detached(field.theta), field.rho).max())
-        speed = math.hypot(*self.scene.velocity)
-        return 1 / self.scene.fps / math.ceil((c + speed) / (self.scene.fps * self.scene.cfl * self.scene.dx))
-
     def film(self, trajectory: Trajectory) -> Tensor:
         """Frames 1… of a trajectory as pixels in [0, 1], shape (T−1, H, W, 3); differentiable."""
         images = []
@@ -174,15 +168,11 @@ class Bench:
         return self.film(self.simulate(field, frames, gate_time=gate_time))
 
 
-def _detached(theta: dict[str, Tensor]) -> dict[str, Tensor]:
-    return {k: v.detach() for k, v in theta.items()}
-
-
 def table_field(library: object, look: Look, motion: Motion, draft: Particles) -> MaterialField:
     """The material the table gives each particle, by the words of the prompt, part by part.
 
     Args:
-        library: knows the parts of an object (``text2gs.shapes.Library``), or None: the whole object's material everywhere.
+        library: knows the parts of an object (``text2gs.shapes.Library``); None: one material for the whole object.
     """
     whole = motion.materials.get("", next(iter(motion.materials.values())))
     words = [whole]
@@ -201,8 +191,8 @@ def table_field(library: object, look: Look, motion: Motion, draft: Particles) -
 class TableClips:
     """References of the embedded clip prior: the probe itself, simulated with the table's material.
 
-    The prompt selects one clip, hard: the likelihood of a clip outweighs any soft preference by hundreds of nats, so a soft
-    mixture would have a fixed point at every reference.
+    The prompt selects one clip, hard: the likelihood of a clip outweighs any soft preference by hundreds of nats, so a
+    soft mixture would have a fixed point at every reference.
     """
 
     bench: Bench

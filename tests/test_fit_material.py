@@ -5,11 +5,12 @@ import dataclasses
 import pytest
 import torch
 
-from diffuphy.fit_material import FitMaterial, appearance, covariance
+from diffuphy.appearance import appearance
+from diffuphy.fit_material import FitMaterial
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.losses.velocity import Velocity
 from diffuphy.material.net import Net
-from diffuphy.probe import Probe, TableClips, table_field
+from diffuphy.probe import Probe, TableClips
 from diffuphy.types import Gaussians, Look, Motion, Particles
 from diffuphy.workspace import Workspace
 
@@ -41,7 +42,15 @@ NET = Net(groups=12, group_size=12, width=16, depth=1, heads=2)
 
 
 def stage(**settings):
-    defaults = {"elastic": ("neo_hookean",), "plastic": ("identity",), "net": NET, "probe": PROBE, "scan_frames": 4, "stiffness_steps": 3, "steps": 3}
+    defaults = {
+        "elastic": ("neo_hookean",),
+        "plastic": ("identity",),
+        "net": NET,
+        "probe": PROBE,
+        "scan_frames": 4,
+        "stiffness_steps": 3,
+        "steps": 3,
+    }
     return FitMaterial(guidance=Analytic(layout="clip", s=0.0), **(defaults | settings))
 
 
@@ -98,16 +107,22 @@ def test_interrupted_training_continues_to_the_same_bits(tmp_path):
 
 def test_gradient_reaches_every_weight_of_the_network():
     """Pixels → Gaussians → trajectory → MPM adjoint → decoder → encoder: no parameter is cut off."""
-    from diffuphy.fit_material import Conditions, Hypothesis, table_values, warm_start
+    from diffuphy.material.field import Hypothesis, warm_start
+    from diffuphy.scan import Conditions, region_values
 
     gaussians, particles = ball()
     motion = Motion("falling", "x", {"": "rubber"}, 0.4)
     component = stage(plastic=("identity", "von_mises"))
     bench = PROBE.bench(gaussians, particles, 0.4)
-    table = component._candidates(table_field(None, LOOK, motion, bench.draft))
-    theta, rho = table_values(table, torch.ones(len(bench.draft), dtype=torch.bool))
+    table = component._table(LOOK, motion, bench)
     labels = torch.zeros(len(bench.draft), dtype=torch.long)
-    start = warm_start(("neo_hookean",), ("identity", "von_mises"), labels, [Hypothesis(None, None, theta | {"E": 1e5}, rho)])
+    (region,) = region_values(table, labels)
+    start = warm_start(
+        ("neo_hookean",),
+        ("identity", "von_mises"),
+        labels,
+        [Hypothesis(None, None, region["theta"] | {"E": 1e5}, region["rho"])],
+    )
     net = NET.build(appearance(gaussians, bench.draft), start, [component._param_E()])
     torch.nn.init.normal_(net.decoder.head[-1].weight, std=1e-3)  # the zero head would stop the gradient behind it
     cond = Conditions(component._guidance(LOOK, motion, gaussians, particles), motion, bench)
@@ -128,7 +143,9 @@ def test_reference_clips_are_another_draw_of_particles():
     guidance = stage()._guidance(LOOK, motion, gaussians, particles)
     assert isinstance(guidance.references, TableClips)
     mine = PROBE.bench(gaussians, particles, 0.4)
-    assert guidance.references.bench.draft.x.shape != mine.draft.x.shape or not torch.equal(guidance.references.bench.draft.x, mine.draft.x)
+    assert guidance.references.bench.draft.x.shape != mine.draft.x.shape or not torch.equal(
+        guidance.references.bench.draft.x, mine.draft.x
+    )
 
 
 def test_a_real_prior_keeps_its_own_references():
@@ -146,16 +163,11 @@ def test_table_needs_its_expert_among_the_candidates():
 
 def test_appearance_of_filler_is_that_of_the_nearest_gaussian():
     gaussians, particles = ball()
-    particles = dataclasses.replace(particles, gaussian=torch.where(torch.arange(len(particles)) == 7, -1, particles.gaussian))
+    particles = dataclasses.replace(
+        particles, gaussian=torch.where(torch.arange(len(particles)) == 7, -1, particles.gaussian)
+    )
     own = appearance(gaussians, ball()[1])
     assert torch.equal(appearance(gaussians, particles).f, own.f)
-
-
-def test_covariance_is_that_of_the_rotated_axes():
-    """R diag(s²) Rᵀ for a quarter turn about z exchanges x and y."""
-    q = torch.tensor([[2**-0.5, 0, 0, 2**-0.5]])
-    g = Gaussians(torch.zeros(1, 3), q, torch.tensor([[1.0, 2.0, 3.0]]).log(), torch.zeros(1), torch.zeros(1, 1, 3))
-    torch.testing.assert_close(covariance(g)[0], torch.diag(torch.tensor([4.0, 1.0, 9.0])), atol=1e-5, rtol=1e-5)
 
 
 @pytest.mark.parametrize(

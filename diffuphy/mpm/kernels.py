@@ -14,7 +14,6 @@ increments of
 one substep are far below the rounding of x and of F in float32, but not below that of u and H.
 """
 
-import threading
 from collections.abc import Callable
 from functools import lru_cache
 from types import SimpleNamespace
@@ -22,12 +21,12 @@ from typing import Any
 
 import warp as wp
 
+from diffuphy.compiling import LOCK
 from diffuphy.mpm.boundary import Signature, make_contact
 
 LEFT, INVERTED, FAST = 0, 1, 2
 """What a particle may do wrong, as the place in the status array where 1 + its index goes."""
 
-_lock = threading.RLock()
 _made: dict[tuple[Any, ...], tuple[Any, SimpleNamespace | None]] = {}
 
 
@@ -73,7 +72,7 @@ def make_kernels(mixture: Any, walls: Signature, real: type) -> SimpleNamespace:
 def cached(make: Callable[..., SimpleNamespace], mixture: Any, *key: Any) -> SimpleNamespace:
     """``make(mixture, *key)``, made once for each mixture object, by one thread at a time (Warp builds modules one
     at a time)."""
-    with _lock:
+    with LOCK:
         made = _made.setdefault((make, id(mixture), key), (mixture, None))[
             1
         ]  # holding the mixture keeps its id its own

@@ -13,6 +13,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
+from diffuphy.compiling import LOCK
 from diffuphy.mpm.adjoint import Needs, make_adjoint
 from diffuphy.mpm.boundary import Boundary, rows, signature
 from diffuphy.mpm.gather import Sums, make_gather
@@ -282,7 +283,8 @@ class Solver:
         return [view(t, d, self.device) for t, d in pairs]
 
     def _record(self, kernel: wp.Kernel, dim: int, inputs: list[Any]) -> wp.Launch:
-        return wp.launch(kernel, dim=dim, inputs=inputs, device=str(self.device), record_cmd=True)
+        with LOCK:  # the first launch of a kernel builds and loads it
+            return wp.launch(kernel, dim=dim, inputs=inputs, device=str(self.device), record_cmd=True)
 
     def _stream(self) -> contextlib.AbstractContextManager[Any]:
         if self.device.type == "cpu":

@@ -1,0 +1,138 @@
+"""The forward scan: every combination of plastic expert × stiffness is simulated, filmed and scored.
+
+Gradient descent finds the bottom of a basin and no more: a mixture of experts has several, and a bounce seen at the
+wrong phase points the wrong way. A scan of a few dozen short clips takes seconds and names the basin.
+"""
+
+import itertools
+import logging
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from diffuphy.losses.sds import Weight, sds
+from diffuphy.material import ELASTIC, PLASTIC, Param
+from diffuphy.material.field import Hypothesis, prune, warm_start
+from diffuphy.probe import Bench
+from diffuphy.types import MaterialField, Motion
+from diffuphy.workspace import Workspace
+
+log = logging.getLogger(__name__)
+THREADS = 2
+"""Clips simulated at once on the CPU; the scores do not depend on it."""
+
+
+class Conditions:
+    """The video prior's condition for clips of the probe's first frames, made once for each length."""
+
+    def __init__(self, guidance: Any, motion: Motion, bench: Bench):
+        self.guidance, self.motion, self.bench = guidance, motion, bench
+        self._made: dict[int, Any] = {}
+
+    def prepare(self, frames: int) -> Any:
+        if frames not in self._made:
+            camera = self.bench.camera[[0] * frames]
+            generator = torch.Generator().manual_seed(0)
+            self._made[frames] = self.guidance.condition(
+                self.motion, camera, self.bench.background, generator=generator
+            )
+        return self._made[frames]
+
+    def fixed_noise(self, clip: Tensor) -> Tensor:
+        """The same noise for every clip of this length, so that hypotheses are compared and not luck."""
+        z = self.guidance.encode(clip[None])
+        return torch.randn(z.shape, generator=torch.Generator().manual_seed(1)).to(z)
+
+    def distil(self, clip: Tensor, *, t: float, weight: Weight, **noise: Any) -> Tensor:
+        """Score distillation of one clip (T, H, W, 3); its gradient is per pixel, so lengths compare."""
+        times = torch.tensor([t], device=clip.device)
+        value = sds(self.guidance, clip[None], self.prepare(len(clip)), t=times, weight=weight, **noise)
+        return value.detach() + (value - value.detach()) / clip.numel()
+
+
+def scan(
+    bench: Bench,
+    cond: Conditions,
+    table: MaterialField,
+    labels: Tensor,
+    grid: Sequence[float],
+    *,
+    frames: int,
+    weight: Weight,
+    work: Workspace,
+) -> list[dict[str, Any]]:
+    """The best hypothesis for each region, out of all combinations of ``table.plastic`` × ``grid`` over the regions.
+
+    Args:
+        table: candidate experts (columns); parameters other than E and the elastic law are those of the table.
+        labels: region of each draft particle, shape (N,).
+        grid: values of log10 E [Pa].
+        frames: length of the clips.
+    """
+    regions = region_values(table, labels)
+    pairs = list(itertools.product(itertools.product(table.plastic, grid), repeat=len(regions)))
+
+    def hypotheses(pair: tuple) -> list[dict[str, Any]]:
+        return [
+            {"elastic": r["elastic"], "plastic": plastic, "theta": r["theta"] | {"E": 10**log_E}, "rho": r["rho"]}
+            for (plastic, log_E), r in zip(pair, regions, strict=True)
+        ]
+
+    def score(pair: tuple) -> float:
+        guess = warm_start(table.elastic, table.plastic, labels, [Hypothesis(**h) for h in hypotheses(pair)])
+        with torch.no_grad():
+            clip = bench.clip(prune(guess).field, frames)
+            return float(cond.distil(clip, t=0.5, noise=cond.fixed_noise(clip), weight=weight))
+
+    scores = []
+    cond.prepare(frames)
+    with work.bar(len(pairs), "material: scan") as bar, ThreadPoolExecutor(THREADS) as pool:
+        for pair, value in zip(pairs, pool.map(score, pairs), strict=True):
+            scores.append(value)
+            bar.update()
+            work.log(len(scores), scan=value, hypothesis=", ".join(f"{p} E=1e{e:.2f}" for p, e in pair))
+    best = min(range(len(pairs)), key=scores.__getitem__)
+    words = ", ".join(f"{p} with E = 1e{e:.2f} Pa" for p, e in pairs[best])
+    log.info("material: scanned %d hypotheses, the best is %s", len(pairs), words)
+    return hypotheses(pairs[best])
+
+
+def region_values(table: MaterialField, labels: Tensor) -> list[dict[str, Any]]:
+    """Of each region: its commonest elastic law, and the means of its parameters and density."""
+    regions = []
+    for r in range(int(labels.max()) + 1):
+        where = labels == r
+        law = table.elastic[int(table.w_e[where].mean(0).argmax())]
+        theta = {k: float(v[where].mean()) for k, v in table.theta.items()}
+        regions.append({"elastic": law, "theta": theta, "rho": float(table.rho[where].mean())})
+    return regions
+
+
+def with_columns(table: MaterialField, elastic: Sequence[str], plastic: Sequence[str]) -> MaterialField:
+    """The same field with one column for each of these experts and every parameter they read.
+
+    Raises:
+        ValueError: an expert that the field uses is not among them.
+    """
+
+    def columns(names: Sequence[str], have: Sequence[str], w: Tensor) -> Tensor:
+        missing = [n for n in have if n not in names and bool((w[:, have.index(n)] > 0).any())]
+        if missing:
+            raise ValueError(f"the table needs expert {missing[0]!r}, which is not among the candidates {tuple(names)}")
+        zero = torch.zeros_like(w[:, 0])
+        return torch.stack([w[:, have.index(n)] if n in have else zero for n in names], 1)
+
+    theta = dict(table.theta)
+    for p in parameters(elastic, plastic):
+        theta.setdefault(p.name, torch.full_like(table.rho, p.default))
+    w_e, w_p = columns(elastic, table.elastic, table.w_e), columns(plastic, table.plastic, table.w_p)
+    return MaterialField(tuple(elastic), tuple(plastic), w_e, w_p, theta, table.rho)
+
+
+def parameters(elastic: Sequence[str], plastic: Sequence[str]) -> list[Param]:
+    """Parameters of these experts, each name once."""
+    found = {p.name: p for law in (*(ELASTIC[n] for n in elastic), *(PLASTIC[n] for n in plastic)) for p in law.params}
+    return list(found.values())
