@@ -27,6 +27,7 @@ from diffuphy.text2gs.shapes import Library
 from diffuphy.types import Gaussians, Look, MaterialField, Motion
 from diffuphy.workspace import Workspace
 
+OUT = Path(__file__).parent.parent / "docs" / "benchmarks"
 PLASTIC = ("identity", "von_mises", "drucker_prager", "fluid")
 
 
@@ -104,12 +105,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("stiffness", "experts", "gravel"))
     parser.add_argument("--steps", type=int, default=40)
+    parser.add_argument("--out", type=Path, default=OUT)
     options = parser.parse_args()
     rows = {"stiffness": stiffness, "experts": experts, "gravel": gravel}[options.what](options.steps)
-    out = Path(__file__).resolve().parents[1] / "docs" / "benchmarks" / f"identify_{options.what}.json"
-    out.parent.mkdir(parents=True, exist_ok=True)
+    options.out.mkdir(parents=True, exist_ok=True)
     machine = platform.processor() or platform.machine()
-    out.write_text(json.dumps({"machine": machine, "steps": options.steps, "rows": rows}, indent=1))
+    (options.out / f"identify_{options.what}.json").write_text(
+        json.dumps({"machine": machine, "steps": options.steps, "rows": rows}, indent=1)
+    )
 
 
 if __name__ == "__main__":

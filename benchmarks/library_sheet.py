@@ -1,4 +1,6 @@
-"""Draw every object of the library from four sides, to look at: ``python benchmarks/library_sheet.py [names...]``.
+"""Draw every object of the library from four sides, to look at.
+
+    python benchmarks/library_sheet.py [names...]
 
 Writes docs/images/library.png (or --out) and prints the milliseconds a view takes.
 """

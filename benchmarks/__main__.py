@@ -1,0 +1,77 @@
+"""List and run the benchmarks.
+
+    python -m benchmarks                             # what there is
+    python -m benchmarks rasteriser --repeats 21     # one, with its own options
+    python -m benchmarks all                         # the quick form of each, to see that it runs; keeps nothing
+
+Numbers that the documentation quotes come from the full forms, one at a time, on a machine with nothing else to do.
+"""
+
+import argparse
+import ast
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+
+QUICK = {
+    "gaussians": ("--objects", "burger", "--steps", "20", "--out", "{out}"),
+    "identify": ("stiffness", "--steps", "1", "--out", "{out}"),
+    "library_sheet": ("burger", "duck", "--out", "{out}/library.png"),
+    "rasteriser": ("--repeats", "1", "--out", "{out}"),
+    "resume": ("--kills", "1"),
+    "throughput": ("--particles", "2000", "--repeat", "2"),
+}
+"""Options under which each script takes about a minute; ``{out}`` is a folder that is thrown away."""
+
+
+def scripts() -> dict[str, str]:
+    """First sentence of every benchmark, by name."""
+    files = (p for p in sorted(HERE.glob("*.py")) if p != Path(__file__).resolve())
+    return {p.stem: docstring(p).splitlines()[0] for p in files}
+
+
+def docstring(path: Path) -> str:
+    return ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+
+
+def run(name: str, options: list[str]) -> int:
+    """Run a benchmark in a process of its own; returns its exit status."""
+    command = [sys.executable, "-m", f"benchmarks.{name}", *options]
+    return subprocess.run(command, cwd=HERE.parent, check=False).returncode
+
+
+def run_all() -> int:
+    failed = []
+    with tempfile.TemporaryDirectory() as out:
+        for name in scripts():
+            print(f"== {name}", flush=True)
+            start = time.perf_counter()
+            if run(name, [option.format(out=out) for option in QUICK[name]]):
+                failed.append(name)
+            print(f"== {name}: {time.perf_counter() - start:.0f} s", flush=True)
+    if failed:
+        print(f"failed: {', '.join(failed)}", file=sys.stderr)
+    return len(failed) > 0
+
+
+def main() -> int:
+    known = scripts()
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("name", nargs="?", choices=[*known, "all"], metavar="name")
+    parser.add_argument("options", nargs=argparse.REMAINDER, help="passed on to the benchmark")
+    arguments = parser.parse_args()
+    if arguments.name is None:
+        width = max(map(len, known))
+        print("\n".join(f"{name:<{width}}  {says}" for name, says in known.items()))
+        return 0
+    return run_all() if arguments.name == "all" else run(arguments.name, arguments.options)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
