@@ -76,6 +76,14 @@ def describe(component: Any) -> Any:
     raise TypeError(f"a setting must be plain data or a component, got {type(component).__qualname__}: {component!r}")
 
 
+def check_names(stages: Sequence[Stage], asked: Iterable[str]) -> None:
+    """Refuse a name that no stage has."""
+    names = [s.name for s in stages]
+    for name in asked:
+        if name not in names:
+            raise ValueError(f"no stage named {name!r}; the stages are {', '.join(names)}")
+
+
 def _sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
@@ -166,10 +174,8 @@ class Store:
 
     def run(self, stages: Sequence[Stage], until: str, force: Iterable[str] = ()) -> list[Done]:
         """Run stages in order, skipping those already stored, up to and including ``until``."""
+        check_names(stages, (until, *force))
         names = [s.name for s in stages]
-        for name in (until, *force):
-            if name not in names:
-                raise ValueError(f"no stage named {name!r}; the stages are {', '.join(names)}")
         types = {s.name: s.out for s in stages}
         report: list[Done] = []
         done: dict[str, Path] = {}

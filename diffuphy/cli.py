@@ -18,10 +18,11 @@ from typing import TYPE_CHECKING
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
-from diffuphy.quoting import protect
+from diffuphy.quoting import FREE_TEXT, protect
 
 if TYPE_CHECKING:
     from diffuphy.artifact import Done
@@ -67,11 +68,14 @@ def film(cfg: DictConfig) -> None:
     from diffuphy import pipeline
     from diffuphy.artifact import Store
     from diffuphy.export import export
+    from diffuphy.settings import check
 
+    check(OmegaConf.to_container(cfg, resolve=True))  # type: ignore[arg-type]
     cfg.device = device(cfg.device)
+    force = [cfg.force] if isinstance(cfg.force, str) else list(cfg.force)
     components = instantiate(cfg.stages, _convert_="all")
     store = Store(Path(cfg.store), device=cfg.device, interval=cfg.checkpoint_seconds)
-    done, plan = pipeline.run(components, store=store, until=cfg.until, force=list(cfg.force), run_dir=folder)
+    done, plan = pipeline.run(components, store=store, until=cfg.until, force=force, run_dir=folder)
     files = export(folder, done, plan, OmegaConf.to_yaml(cfg, resolve=False))
     log.info("%s", conclusion(done, files, HydraConfig.get().overrides.task))
 
@@ -79,7 +83,7 @@ def film(cfg: DictConfig) -> None:
 def conclusion(done: Sequence["Done"], files: dict[str, Path], overrides: Sequence[str]) -> str:
     """The last words of a run: where the results are, what each stage took, and how to go on."""
     seconds = ", ".join(f"{d.name} {'cached' if d.cached else f'{d.seconds:.1f}'}" for d in done)
-    command = shlex.join(["python", "train.py", *overrides])
+    command = " ".join(["python", "train.py", *map(typed, overrides)])
     lines = [f"{kind:<10}{os.path.relpath(path)}" for kind, path in files.items()]
     lines += [f"{'seconds':<10}{seconds}", f"{'again':<10}{command}"]
     if not any(o.startswith("experiment=") for o in overrides):
@@ -87,13 +91,33 @@ def conclusion(done: Sequence["Done"], files: dict[str, Path], overrides: Sequen
     return "\n" + "\n".join(lines)
 
 
+def typed(override: str) -> str:
+    """An override as one types it in a shell; free text without the quotes that Hydra needed."""
+    key, _, value = override.partition("=")
+    if key.rpartition(".")[2] not in FREE_TEXT:
+        return shlex.quote(override)
+    text = OmegaConf.create({"text": OverridesParser.create().parse_overrides([override])[0].value()}).text
+    return f"{key}={shlex.quote(text if protect([f'{key}={text}']) == [override] else value)}"
+
+
 def device(name: str) -> str:
-    """``auto`` is the first GPU where there is one."""
+    """``auto`` is the first GPU where there is one.
+
+    Raises:
+        ValueError: no such device.
+    """
     import torch
 
-    if name != "auto":
-        return name
-    return "cuda" if torch.cuda.is_available() else "cpu"
+    found = torch.cuda.device_count() if torch.cuda.is_available() else 0
+    if name == "auto":
+        return "cuda" if found else "cpu"
+    kind, _, index = name.partition(":")
+    if name != "cpu" and not (kind == "cuda" and (index.isdecimal() or name == "cuda")):
+        raise ValueError(f"device must be auto, cpu, cuda or cuda:1, got {name!r}")
+    if kind == "cuda" and int(index or 0) >= found:
+        there = f"cuda:0 to cuda:{found - 1} are there" if found else "there is no CUDA device"
+        raise ValueError(f"device={name}: {there}; use device=cpu or device=auto")
+    return name
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -109,6 +133,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     full = os.environ.get("HYDRA_FULL_ERROR")
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra raises instead of printing; what is printed is decided here
     try:
+        if "store=" in arguments:
+            raise ValueError("store is empty; name a folder, such as store=outputs")
         _compose_and_run(arguments)
         return 0
     except KeyboardInterrupt:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import difflib
+import os
 import re
 import sys
 from collections.abc import Iterator, Sequence
@@ -46,6 +47,8 @@ def explain(error: Exception, arguments: Sequence[str], conf: Path) -> str | Non
         return _instantiation(error)
     if isinstance(error, HydraException | OmegaConfBaseException):
         return _composition(error, arguments, conf)
+    if isinstance(error, OSError) and error.filename:
+        return _file(error, arguments)
     return _plain(error)
 
 
@@ -68,6 +71,14 @@ def _plain(error: BaseException) -> str | None:
     heavy = (("diffuphy.types", "SimulationDiverged"), ("torch", "OutOfMemoryError"))
     expected = (ValueError, OSError, *(getattr(sys.modules[m], name) for m, name in heavy if m in sys.modules))
     return _flat(error) if isinstance(error, expected) else None
+
+
+def _file(error: OSError, arguments: Sequence[str]) -> str:
+    """Which file, and what to change when it lies in the store."""
+    given = [a.partition("=")[2] for a in arguments if a.startswith("store=")]
+    store, file = (Path(os.path.abspath(os.fsdecode(p))) for p in ((given or ["outputs"])[-1], error.filename))
+    hint = "; choose another store with store=/path/to/folder" if store in (file, *file.parents) else ""
+    return f"{os.fsdecode(error.filename)}: {error.strerror}{hint}"
 
 
 def _flat(error: BaseException) -> str:

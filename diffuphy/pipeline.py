@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from diffuphy.artifact import Done, Stage, Store
+from diffuphy.artifact import Done, Stage, Store, check_names
 from diffuphy.plan import Line, Plan, make_plan, stage_lines
 from diffuphy.types import Clip, Gaussians, MaterialField, Particles, Prompt, Trajectory
 
@@ -43,6 +43,7 @@ def run(
     """
     force = list(force or [])
     first = stages(components)
+    check_names(first, (until, *force))
     store.run(first, "prompt", force=[f for f in force if f == "prompt"])
     prompt_path = store.look_up(first)["prompt"]
     plan = make_plan(components, Prompt.load(prompt_path))

@@ -4,6 +4,7 @@ import logging
 import os
 import re
 import resource
+import shlex
 import shutil
 import subprocess
 import sys
@@ -16,6 +17,7 @@ from hydra.core.hydra_config import HydraConfig
 from diffuphy import cli
 from diffuphy.cli import conf_dir, main, slug
 from diffuphy.explain import nearest
+from diffuphy.quoting import protect
 
 ROOT = Path(__file__).parents[1]
 
@@ -33,7 +35,8 @@ def conf(tmp_path, monkeypatch):
     (folder / "train.yaml").write_text(
         "defaults: [fit: sds, guidance: analytic, _self_, experiment: null, override hydra/help: film,\n"
         "  override hydra/job_logging: lines, override hydra/hydra_logging: lines]\n"
-        f"prompt: ???\nseed: 0\nstore: {tmp_path}/outputs\ndevice: auto\nuntil: clip\nforce: []\ncheckpoint_seconds: 3\n"
+        f"prompt: ???\nseed: 0\nstore: {tmp_path}/outputs\ndevice: auto\nuntil: clip\nforce: []\n"
+        "checkpoint_seconds: 3\n"
         "stages: {clip: '${clip}'}\nclip: {_target_: fractions.Fraction, _args_: ['${prompt}']}\n"
         + text[text.index("\nhydra:") :]
     )
@@ -238,6 +241,84 @@ def test_log_is_one_line_an_event(conf, monkeypatch, capsys, tmp_path):
     assert (
         (tmp_path / "outputs/runs" / slug("a ball") / "log.txt").read_text().endswith("INFO    diffuphy.mpm: step 3\n")
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("gpu", "device must be auto, cpu, cuda or cuda:1, got 'gpu'"),
+        ("cuda:x", "device must be"),
+        ("mps", "device must be"),
+        ("cuda", "device=cuda: there is no CUDA device; use device=cpu or device=auto"),
+        ("cuda:2", "device=cuda:2: there is no CUDA device"),
+    ],
+)
+def test_a_device_that_is_not_there_is_refused(monkeypatch, name, says):
+    import torch
+
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    with pytest.raises(ValueError, match=re.escape(says)):
+        cli.device(name)
+    assert cli.device("auto") == cli.device("cpu") == "cpu"
+
+
+def test_a_device_beyond_the_last_is_refused(monkeypatch):
+    import torch
+
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
+    assert [cli.device(n) for n in ("auto", "cuda", "cuda:1")] == ["cuda", "cuda", "cuda:1"]
+    with pytest.raises(ValueError, match="cuda:0 to cuda:1 are there"):
+        cli.device("cuda:2")
+
+
+@pytest.mark.parametrize(
+    ("argument", "shown"),
+    [
+        ("prompt=a rubber ball", "prompt='a rubber ball'"),
+        ("prompt=ball", "prompt=ball"),
+        ("prompt='a, b'", "prompt='a, b'"),
+        ("refine.negative=blur, noise", "refine.negative='blur, noise'"),
+        ("force=[clip]", "'force=[clip]'"),
+        ("seed=1", "seed=1"),
+    ],
+)
+def test_command_is_shown_as_typed(argument, shown):
+    """The same words after the shell and ``protect`` have read what is shown."""
+    (override,) = protect([argument])
+    assert cli.typed(override) == shown
+    assert protect(shlex.split(shown)) == [override]
+
+
+@pytest.mark.parametrize(
+    "text", ["a dog's ball, $5 ${x} \\", "果冻 🍔 #1 [a] = {b}", "it's\n'so'", "'quoted'", "$(date)", "!!"]
+)
+def test_shown_command_gives_the_same_prompt(text):
+    (override,) = protect([f"prompt={text}"])
+    assert protect(shlex.split(cli.typed(override))) == [override]
+
+
+def test_one_stage_may_be_forced_by_name(conf, monkeypatch):
+    """force=prompt is force=[prompt]."""
+    from diffuphy import pipeline
+    from diffuphy.plan import Plan
+
+    forced = []
+    monkeypatch.setattr(pipeline, "run", lambda c, *, force, **_: forced.append(force) or ([], Plan(c, ())))
+    assert main(["prompt=1/2", "force=prompt"]) == main(["prompt=1/2", "force=[prompt]"]) == 0
+    assert forced == [["prompt"], ["prompt"]]
+
+
+@pytest.mark.parametrize("where", ["/dev/null/store", "/proc/nowhere"])
+def test_store_that_cannot_be_made_says_what_to_change(conf, capsys, where):
+    assert main(["prompt=a ball", f"store={where}"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"error: {where}") and line.endswith("choose another store with store=/path/to/folder")
+
+
+def test_empty_store_is_refused(conf, capsys):
+    assert main(["prompt=a ball", "store="]) == 2
+    assert capsys.readouterr().err == "error: store is empty; name a folder, such as store=outputs\n"
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,8 @@ MAY_IMPORT = {
         "fit_material",
     },
     "explain": set(),
-    "cli": {"quoting", "explain", "artifact", "pipeline", "export"},
+    "settings": set(),
+    "cli": {"quoting", "explain", "settings", "artifact", "pipeline", "export"},
     "__init__": set(),
     "__main__": {"cli"},
 }

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import torch
 
+from diffuphy.mpm.boundary import HalfSpace
 from diffuphy.mpm.rollout import FrameReport, simulate
 from diffuphy.mpm.scene import Scene, scene_for
 from diffuphy.mpm.solver import State
@@ -41,6 +42,8 @@ class Simulate:
                 "seconds, fps and particles_per_cell must be positive, "
                 f"got {self.seconds}, {self.fps}, {self.particles_per_cell}"
             )
+        # what these refuse, they refuse before the other stages run
+        Scene(dx=1.0, boundaries=(HalfSpace(friction=self.friction),), cfl=self.cfl)
 
     def scene(self, motion: Motion, particles: Particles) -> Scene:
         """The scene of the motion word, on a grid that fits the particles."""
