@@ -24,6 +24,7 @@ from diffuphy.material.encoder import Points
 from diffuphy.material.field import Hypothesis, harden, prune, warm_start
 from diffuphy.material.net import MaterialNet, Net
 from diffuphy.material.patches import color_clusters, nearest
+from diffuphy.material.presets import lookup
 from diffuphy.mpm import FrameReport
 from diffuphy.probe import Bench, Probe, TableClips, table_field
 from diffuphy.scan import Conditions, region_values, scan, with_columns
@@ -49,6 +50,9 @@ class FitMaterial:
     """The experiment the clip shows."""
     velocity: Velocity | None = None
     """Velocity loss; None or weight 0 leaves it out."""
+    override: dict[str, float | None] = field(default_factory=dict)
+    """Parameters of the table to replace for the whole object, by name [SI]: {"E": 2e5, "nu": 0.3}; None keeps the
+    table's."""
     elastic: tuple[str, ...] = ()
     """Candidate elastic experts; () lets the plan choose from the prompt."""
     plastic: tuple[str, ...] = ()
@@ -90,8 +94,24 @@ class FitMaterial:
                 f"material.steps and stiffness_steps must be ≥ 0 and regions ≥ 1, "
                 f"got {self.steps}, {self.stiffness_steps}, {self.regions}"
             )
+        self._check_override()
         if self.scan_frames > self.probe.frames:
             raise ValueError(f"material.scan_frames = {self.scan_frames} exceeds probe.frames = {self.probe.frames}")
+
+    def _check_override(self) -> None:
+        """Refuse an overridden parameter that is no material's, or a value that no material can have."""
+        known = ("E", "nu", "rho", "yield_stress", "friction_angle", "cohesion", "viscosity")
+        if unknown := set(self.override) - set(known):
+            raise ValueError(f"material.override has no {sorted(unknown)[0]!r}; it takes {', '.join(known)}")
+        given = {k: v for k, v in self.override.items() if v is not None}
+        for word in ("rubber", "metal", "sand", "honey"):  # together they read every parameter
+            dataclasses.replace(lookup(word), **given)
+        lo, hi = (10**e for e in self.stiffness)
+        if "E" in given and not lo < given["E"] < hi:
+            raise ValueError(
+                f"material.override.E = {given['E']:g} Pa lies outside what the fit may find, {lo:.3g} to {hi:.3g} Pa; "
+                "change it, or widen material.stiffness (log10 Pa)"
+            )
 
     # ------------------------------------------------------------------ the stage
     def __call__(
@@ -127,7 +147,7 @@ class FitMaterial:
 
     def _table(self, look: Look, motion: Motion, bench: Bench) -> MaterialField:
         """What the table says of the draft particles, with a column for each candidate expert."""
-        table = table_field(self.library, look, motion, bench.draft)
+        table = table_field(self.library, look, motion, bench.draft, self.override)
         return with_columns(table, self.elastic or table.elastic, self.plastic or table.plastic)
 
     def _labels(self, motion: Motion, points: Points) -> Tensor:

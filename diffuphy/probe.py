@@ -5,8 +5,9 @@ whatever the film later shows, the material is the object's own. Small and short
 impact have one basin, longer clips have many.
 """
 
+import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -168,11 +169,14 @@ class Bench:
         return self.film(self.simulate(field, frames, gate_time=gate_time))
 
 
-def table_field(library: object, look: Look, motion: Motion, draft: Particles) -> MaterialField:
+def table_field(
+    library: object, look: Look, motion: Motion, draft: Particles, override: Mapping[str, float | None] | None = None
+) -> MaterialField:
     """The material the table gives each particle, by the words of the prompt, part by part.
 
     Args:
         library: knows the parts of an object (``text2gs.shapes.Library``); None: one material for the whole object.
+        override: parameters that all parts take instead of the table's, by the names of ``presets.Preset`` [SI].
     """
     whole = motion.materials.get("", next(iter(motion.materials.values())))
     words = [whole]
@@ -184,6 +188,8 @@ def table_field(library: object, look: Look, motion: Motion, draft: Particles) -
         index = shape.part_of(points).long()
     kinds = [presets.lookup(w) for w in words]
     kinds = [presets.melt(k) for k in kinds] if motion.verb == "melting" else kinds
+    given = {k: v for k, v in (override or {}).items() if v is not None}
+    kinds = [dataclasses.replace(k, **given) for k in kinds]
     return presets.field(kinds, index.to(draft.x.device), dtype=draft.x.dtype)
 
 

@@ -177,6 +177,10 @@ def test_appearance_of_filler_is_that_of_the_nearest_gaussian():
         ({"start": 9.0}, "inside"),
         ({"steps": -1}, "≥ 0"),
         ({"scan_frames": 99}, "probe.frames"),
+        ({"override": {"E": -1.0}}, "E"),
+        ({"override": {"nu": 0.5}}, "fluid"),
+        ({"override": {"E": 5e6}}, "material.stiffness"),
+        ({"override": {"young": 1e5}}, "it takes E, nu"),
     ],
 )
 def test_bad_settings_are_refused(settings, message):
