@@ -9,8 +9,7 @@ from typing import Any
 
 import warp as wp
 
-wp.config.quiet = True  # before Warp starts: a library does not greet
-wp.config.log_level = wp.LOG_WARNING
+wp.config.log_level = wp.LOG_WARNING  # before Warp starts: a library does not greet
 wp.init()
 
 LOCK = threading.RLock()

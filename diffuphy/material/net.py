@@ -187,15 +187,14 @@ class MaterialNet(nn.Module):
         return self.decoder(torch.cat([mixed, own], 1) if self.own else mixed, start)
 
 
-def _initialise(module: nn.Module, generator: torch.Generator) -> None:
+def _initialise(net: MaterialNet, generator: torch.Generator) -> None:
     """U(±1/√fan_in) for every linear layer, in order; zero for the last layer of the head."""
     with torch.no_grad():
-        for m in module.modules():
+        for m in net.modules():
             if isinstance(m, nn.Linear):
                 bound = m.in_features**-0.5
                 m.weight.uniform_(-bound, bound, generator=generator)
                 if m.bias is not None:
                     m.bias.uniform_(-bound, bound, generator=generator)
-        last = module.decoder.head[-1]
-        last.weight.zero_()
-        last.bias.zero_()
+        for parameter in net.decoder.head[-1].parameters():
+            parameter.zero_()

@@ -19,22 +19,22 @@ def look_at(
     Raises:
         ValueError: the direction of view is zero or parallel to ``up``.
     """
-    eye = torch.as_tensor(eye)
-    at, up = torch.as_tensor(at).to(eye), torch.as_tensor(up).to(eye)
-    forward = at - eye
-    right = torch.linalg.cross(forward, up.expand_as(forward))
+    origin = torch.as_tensor(eye)
+    target, upward = torch.as_tensor(at).to(origin), torch.as_tensor(up).to(origin)
+    forward = target - origin
+    right = torch.linalg.cross(forward, upward.expand_as(forward))
     if not (torch.linalg.vector_norm(right, dim=-1) > 1e-6 * torch.linalg.vector_norm(forward, dim=-1)).all():
         raise ValueError(
             "the direction of view must be neither zero nor parallel to up: "
-            f"got eye {eye.tolist()}, at {at.tolist()}, up {up.tolist()}"
+            f"got eye {origin.tolist()}, at {target.tolist()}, up {upward.tolist()}"
         )
     forward = forward / torch.linalg.vector_norm(forward, dim=-1, keepdim=True)
     right = right / torch.linalg.vector_norm(right, dim=-1, keepdim=True)
     down = torch.linalg.cross(forward, right)
     R = torch.stack([right, down, forward], dim=-2)
-    view = torch.zeros(*R.shape[:-2], 4, 4, dtype=eye.dtype, device=eye.device)
+    view = torch.zeros(*R.shape[:-2], 4, 4, dtype=origin.dtype, device=origin.device)
     view[..., :3, :3] = R
-    view[..., :3, 3] = -(R @ eye[..., None])[..., 0]
+    view[..., :3, 3] = -(R @ origin[..., None])[..., 0]
     view[..., 3, 3] = 1
     return view
 

@@ -46,7 +46,7 @@ class Gsplat:
                 "use backend=Warp(), which runs everywhere"
             )
         try:
-            from gsplat import rasterization
+            from gsplat import rasterization  # pyright: ignore[reportAttributeAccessIssue]  # it sees this file
         except ModuleNotFoundError as error:
             raise ModuleNotFoundError(
                 'the gsplat backend needs the package gsplat: pip install "diffuphy[gsplat]", or use backend=Warp()',

@@ -77,9 +77,9 @@ def to_metres(gaussians: Gaussians, particles: Particles) -> Gaussians:
 
 def _nearest(points: Tensor, among: Tensor, k: int) -> tuple[Tensor, Tensor]:
     """Distances and indices (G, k) of the k nearest of ``among`` (N, 3), nearest first; ties go to any."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
-    tree = cKDTree(among.detach().cpu().double().numpy())
+    tree = KDTree(among.detach().cpu().double().numpy())
     distance, index = tree.query(points.detach().cpu().double().numpy(), k=list(range(1, k + 1)))
     return torch.from_numpy(distance).to(points), torch.from_numpy(index).to(points.device, torch.int64)
 

@@ -248,13 +248,13 @@ class Reader:
 
     def _noun(self, item: Item) -> bool:
         """The subject, its parts, its materials and colours, its verbs."""
-        r, roles = self.reading, item.roles
-        if self.recipe is not None and self._is_subject(item):
+        r, roles, recipe = self.reading, item.roles, self.recipe
+        if recipe is not None and self._is_subject(item, recipe):
             self._flush("")
             self.target, self.expecting = "", False
-            self.collecting = roles["object"] != self.recipe.name and self.recipe.name != "mound"
-        elif "part" in roles and not (self.expecting and "material" in roles):
-            self._part(roles)
+            self.collecting = roles["object"] != recipe.name and recipe.name != "mound"
+        elif recipe is not None and "part" in roles and not (self.expecting and "material" in roles):
+            self._part(recipe, roles)
         elif "material" in roles or "colour" in roles:
             kind = "material" if "material" in roles else "colour"
             if self.expecting:
@@ -265,26 +265,24 @@ class Reader:
             self._flush("")
             self.target, self.expecting = "", False
             r.verbs.append(roles["verb"])
-        elif "object" in roles and self.recipe is not None:
+        elif "object" in roles and recipe is not None:
             raise ValueError(f"one object a scene: {item.text!r} is a second one beside {r.subject!r}; leave it out")
         else:
             return False
         return True
 
-    def _part(self, roles: dict[str, Any]) -> None:
+    def _part(self, recipe: Recipe, roles: dict[str, Any]) -> None:
         """A part, made of what waits for a noun; or of what its name says ("pancakes with honey": the syrup is
         honey)."""
-        part = next(p for p in self.recipe.parts if p.name == roles["part"])
+        part = next(p for p in recipe.parts if p.name == roles["part"])
         if not self.pending and roles.get("material", part.material) != part.material:
             self.pending = [("material", roles["material"])]
         self._flush(part.name)
         self.target, self.expecting = part.name, False
 
-    def _is_subject(self, item: Item) -> bool:
+    def _is_subject(self, item: Item, recipe: Recipe) -> bool:
         """An object word that names the subject and is not spoken of as a material ("a duck of cake"), part or
         modifier."""
         name = item.roles.get("object")
-        named = name == self.recipe.name or (
-            name in COLLECTIVE and self.recipe.name in (*COLLECTIVE[name].values(), "mound")
-        )
+        named = name == recipe.name or (name in COLLECTIVE and recipe.name in (*COLLECTIVE[name].values(), "mound"))
         return named and not (self.expecting and "material" in item.roles)

@@ -3,6 +3,7 @@
 import hashlib
 from collections import OrderedDict
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -47,7 +48,11 @@ class Library:
             raise ValueError(f"aa must be at least 1, got {self.aa}")
         if self.favour < 0:
             raise ValueError(f"favour must be at least 0 nats, got {self.favour}")
-        object.__setattr__(self, "_pictures", OrderedDict())
+
+    @cached_property
+    def _pictures(self) -> OrderedDict[tuple[str, bytes], Tensor]:
+        """Pictures by words and camera, the longest unused first."""
+        return OrderedDict()
 
     @property
     def names(self) -> tuple[str, ...]:
