@@ -73,6 +73,9 @@ class FitMaterial:
     """Learning rate of the network; 1e-2 oscillates."""
     lr_region: float = 0.08
     """Learning rate of each region's common shift of its parameters."""
+    smooth: float = 1e-3
+    """Weight of the variance of log10 E inside a region [1/dex²]: particles differ only where the clip says so, and a
+    few stiff ones do not set the time step of the film; 0 leaves it out."""
     curriculum: tuple[int, ...] = ()
     """Frames of the clip in equal parts of the run; () is all frames after a scan, 5-7-9-all without one."""
     weight: Weight = "x0"
@@ -211,6 +214,8 @@ class FitMaterial:
                 loss = distilled = cond.distil(bench.film(trajectory), t=t, generator=generator, weight=self.weight)
                 if self.velocity is not None and self.velocity.weight:
                     loss = loss + bench.velocity_loss(self.velocity, trajectory, field, reports)
+                if self.smooth:
+                    loss = loss + self.smooth * spread(field.theta["E"].log10(), labels)
                 optimiser.zero_grad()
                 loss.backward()
                 norm = torch.nn.utils.clip_grad_norm_([*net.parameters(), shift], 1.0, error_if_nonfinite=True)
@@ -283,3 +288,8 @@ def summary(field: MaterialField) -> dict[str, float]:
         (*field.elastic, *field.plastic), (*field.w_e.detach().mean(0), *field.w_p.detach().mean(0)), strict=True
     )
     return {"log10_E": float(log_E.mean()), **{f"w_{name}": float(w) for name, w in weights}}
+
+
+def spread(values: Tensor, labels: Tensor) -> Tensor:
+    """Mean over regions of the variance of ``values`` (N,) inside each."""
+    return torch.stack([values[labels == r].var(correction=0) for r in range(int(labels.max()) + 1)]).mean()

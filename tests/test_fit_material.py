@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from diffuphy.appearance import appearance
-from diffuphy.fit_material import FitMaterial
+from diffuphy.fit_material import FitMaterial, spread
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.losses.velocity import Velocity
 from diffuphy.material.net import Net
@@ -168,6 +168,12 @@ def test_appearance_of_filler_is_that_of_the_nearest_gaussian():
     )
     own = appearance(gaussians, ball()[1])
     assert torch.equal(appearance(gaussians, particles).f, own.f)
+
+
+def test_spread_is_the_mean_variance_inside_regions():
+    """Regions {0, 2} and {5, 5}: variances 1 and 0."""
+    values, labels = torch.tensor([0.0, 2.0, 5.0, 5.0]), torch.tensor([0, 0, 1, 1])
+    assert float(spread(values, labels)) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(

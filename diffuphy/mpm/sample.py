@@ -62,8 +62,8 @@ class Sample:
     never see every part of a body, and a mug is open much wider."""
     jitter: float = 0.5
     """Range of the random shift of filler particles [lattice cells]; breaks the pattern of a lattice on a grid."""
-    max_particles: int = 20_000
-    """Most particles; 20 000 film in minutes on one core."""
+    max_particles: int = 12_000
+    """Most particles; 12 000 film two seconds in a minute or two on one core."""
     when_full: Literal["coarsen", "error"] = "coarsen"
     """Whether more of them make the lattice coarser or are an error."""
     seed: int = 0
