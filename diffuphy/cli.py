@@ -76,7 +76,7 @@ def film(cfg: DictConfig) -> None:
     components = instantiate(cfg.stages, _convert_="all")
     store = Store(Path(cfg.store), device=cfg.device, interval=cfg.checkpoint_seconds)
     done, plan = pipeline.run(components, store=store, until=cfg.until, force=force, run_dir=folder)
-    files = export(folder, done, plan, OmegaConf.to_yaml(cfg, resolve=False))
+    files = export(folder, done, plan, title=cfg.prompt, settings=OmegaConf.to_yaml(cfg, resolve=False))
     log.info("%s", conclusion(done, files, HydraConfig.get().overrides.task))
 
 

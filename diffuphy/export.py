@@ -1,5 +1,6 @@
 """What a person takes away from a run: film.mp4, contact_sheet.png, gaussians.ply and report.html."""
 
+import itertools
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +15,7 @@ from diffuphy.render import contact_sheet, orbit, render_gaussians, write_mp4, w
 from diffuphy.render.ply import write as write_ply
 from diffuphy.render.report import Report
 from diffuphy.render.sh import from_rgb
-from diffuphy.types import Clip, Gaussians, MaterialField, Particles, Prompt
+from diffuphy.types import Clip, Gaussians, MaterialField, Particles
 
 COLD, WARM = torch.tensor([0.23, 0.30, 0.75]), torch.tensor([0.71, 0.02, 0.15])
 """Ends of the colour scale of the maps (Moreland 2009, cool–warm)."""
@@ -32,9 +33,15 @@ EXPERT_COLORS = torch.tensor(
 
 
 def export(
-    run_dir: Path, done: Sequence[Done], plan: Plan, settings: str, warnings: Sequence[str] = ()
+    run_dir: Path, done: Sequence[Done], plan: Plan, *, title: str, settings: str, warnings: Sequence[str] = ()
 ) -> dict[str, Path]:
-    """Write the deliverables of a run into ``run_dir``; returns their paths by kind."""
+    """Write the deliverables of a run into ``run_dir``; returns their paths by kind.
+
+    Args:
+        title: of the report; what the user asked for.
+        settings: the composed configuration, YAML.
+        warnings: sentences a reader must see.
+    """
     at = {d.name: d.path for d in done}
     files: dict[str, Path] = {}
     if "gaussians" in at:
@@ -50,11 +57,10 @@ def export(
     sheet = contact_sheet(clip.rgb, fps=clip.fps)
     write_png(files["sheet"], sheet)
     particles, field = Particles.load(at["particles"]), MaterialField.load(at["material"])
-    prompt = Prompt.load(at["prompt"])
     files["report"] = run_dir / "report.html"
     Report()(
         files["report"],
-        title=prompt.motion.text,
+        title=title,
         film=files["film"],
         sheet=sheet.numpy(),
         views=views(gaussians),
@@ -72,7 +78,7 @@ def export(
 def views(gaussians: Gaussians, size: int = 200) -> list[tuple[str, Any]]:
     """The object from four sides and from above."""
     named = [("front", 0, 12), ("left", 90, 12), ("back", 180, 12), ("right", 270, 12), ("above", 30, 65)]
-    camera = orbit([a for _, a, _ in named], torch.tensor([float(e) for *_, e in named]), 3.2, width=size, height=size)
+    camera = orbit([a for _, a, _ in named], torch.tensor([float(e) for *_, e in named]), 3.4, width=size, height=size)
     with torch.no_grad():
         rgb = render_gaussians(gaussians, camera, background=torch.ones(3)).rgb.clamp(0, 1)
     return [(name, image.numpy()) for (name, *_), image in zip(named, rgb, strict=True)]
@@ -85,7 +91,7 @@ def maps(gaussians: Gaussians, particles: Particles, field: MaterialField, size:
     owner[particles.gaussian[carried]] = torch.arange(len(particles))[carried]
     visible = owner >= 0
     index = owner[visible]
-    camera = orbit([35.0], 18.0, 3.2, width=size, height=size)
+    camera = orbit([35.0], 18.0, 3.4, width=size, height=size)
 
     def paint(colors: Tensor) -> Any:
         painted = Gaussians(
@@ -103,22 +109,27 @@ def maps(gaussians: Gaussians, particles: Particles, field: MaterialField, size:
     share = ((log_E - lo) / max(hi - lo, 1e-6))[:, None]
     result = [(f"log₁₀ E: {lo:.2f} (blue) to {hi:.2f} (red) Pa", paint(COLD * (1 - share) + WARM * share))]
     for kind, names, w in (("elastic", field.elastic, field.w_e), ("plastic", field.plastic, field.w_p)):
-        legend = ", ".join(f"{n} {float(m):.0%}" for n, m in zip(names, w.mean(0), strict=True))
-        result.append((f"{kind}: {legend}", paint(w @ EXPERT_COLORS[: len(names)])))
+        shares = zip(names, w.mean(0).tolist(), itertools.cycle(COLOR_WORDS))
+        legend = ", ".join(f"{name} {share:.0%} ({word})" for name, share, word in shares)
+        palette = EXPERT_COLORS[torch.arange(len(names)) % len(EXPERT_COLORS)]
+        result.append((f"{kind}: {legend}", paint(w @ palette)))
     return result
 
 
 def curves(at: dict[str, Path]) -> dict[str, list[tuple[int, float]]]:
     """Loss of each long stage from its ``metrics.jsonl``; a step written twice by an interrupted run counts once."""
     found: dict[str, dict[int, float]] = {}
-    for stage, key in (("gaussians", "loss"), ("gaussians", "psnr"), ("material", "loss"), ("material", "log10_E")):
+    for stage, key in (("gaussians", "sds"), ("gaussians", "gaussians"), ("material", "loss"), ("material", "log10_E")):
         file = at[stage] / SCRATCH / "metrics.jsonl"
         rows = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()] if file.exists() else []
-        values = {row["step"]: row[key] for row in rows if isinstance(row.get(key), float)}
+        values = {row["step"]: row[key] for row in rows if isinstance(row.get(key), int | float)}
         if values:
             found[f"{stage}: {key}"] = values
     return {name: sorted(values.items()) for name, values in found.items()}
 
+
+COLOR_WORDS = ("blue", "red", "yellow", "green", "purple", "cyan")
+"""Names of EXPERT_COLORS."""
 
 NOTES = {
     "hardened_loss": "clip loss of the field that is filmed, every particle on one law",
