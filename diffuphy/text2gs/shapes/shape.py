@@ -25,7 +25,9 @@ VIEWS_AT_ONCE = 16
 
 
 class Shape:
-    """A union of primitives in the object frame: bounding box centred on 0, longest side 2 unless a corner would leave a ball of 1.2, z up.
+    """A union of primitives in the object frame: bounding box centred on 0, z up, longest side 2.
+
+    It is smaller where a corner would leave the ball of ``RADIUS``.
 
     Args:
         recipe: how to draw it.
@@ -216,7 +218,7 @@ class Shape:
         return centres[d.abs() < 0.87 * cell], cell
 
     def _measured(self) -> tuple[float, float, float, float]:
-        """The frame that centres the bounding box and makes its longest side 2, or less if corners would leave the
+        """The frame that centres the bounding box and makes its longest side 2, or less where a corner would leave the
         ball of ``RADIUS`` that cameras see whole.
 
         Surface points found on a grid climb along each axis by steps of a shrinking length, each followed by a return
