@@ -111,7 +111,7 @@ def main() -> None:
         "seed": arguments.seed,
     }
     (arguments.out / "gaussians.json").write_text(json.dumps({**machine, "rows": rows}, indent=1))
-    (arguments.out / "gaussians.md").write_text(f"{__doc__}\n{table(rows)}")
+    (arguments.out / "gaussians.md").write_text(f"# Gaussians\n\n{__doc__}\n{table(rows)}")
     from PIL import Image
 
     Image.fromarray((torch.cat(strips).clamp(0, 1) * 255).round().byte().numpy()).save(arguments.out / "gaussians.png")

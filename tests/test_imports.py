@@ -25,30 +25,21 @@ MAY_IMPORT = {
     "render": {"types", "workspace", "geometry", "compiling"},
     "mpm": {"types", "workspace", "geometry", "compiling", "material"},
     "text2gs": {"types", "workspace", "geometry", "compiling", "render", "losses"},
-    "probe": {"types", "workspace", "geometry", "render", "material", "mpm", "losses"},
-    "fit_material": {"types", "workspace", "geometry", "render", "material", "mpm", "losses", "text2gs", "probe"},
+    "appearance": {"types", "geometry", "render", "material"},
+    "probe": {"types", "workspace", "render", "material", "mpm", "losses"},
+    "scan": {"types", "workspace", "material", "losses", "probe"},
+    "fit_material": {"types", "workspace", "render", "material", "mpm", "losses", "appearance", "probe", "scan"},
+    "plan": {"types", "artifact", "material"},
+    "pipeline": {"types", "artifact", "plan"},
     "export": {"types", "artifact", "plan", "render"},
-    "plan": {"types", "artifact", "material", "mpm", "render", "losses", "text2gs", "probe", "fit_material"},
-    "pipeline": {
-        "types",
-        "workspace",
-        "artifact",
-        "plan",
-        "export",
-        "render",
-        "material",
-        "mpm",
-        "losses",
-        "text2gs",
-        "fit_material",
-    },
     "explain": set(),
     "settings": set(),
     "cli": {"quoting", "explain", "settings", "artifact", "pipeline", "export"},
     "__init__": set(),
     "__main__": {"cli"},
 }
-"""``artifact`` and ``losses`` know no physics, ``material`` knows no simulation; only ``plan`` knows everything."""
+"""``artifact`` and ``losses`` know no physics, ``material`` knows no simulation, and ``pipeline`` knows no stage: stages
+meet in the configuration."""
 
 HEAVY = {
     "accelerate": (),
