@@ -38,21 +38,11 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
     vec3, mat33, vec4, wall_t = forward.vec3, forward.mat33, forward.vec4, forward.wall_t
     w_e_t, w_p_t, theta_t = mixture.w_e_t, mixture.w_p_t, mixture.theta_t
     spline, contact = make_spline(real), make_contact(walls, real)
-    weights, slopes, eye = spline.weights, spline.slopes, spline.eye
+    weights, slopes, cell, columns, eye = spline.weights, spline.slopes, spline.cell, spline.columns, spline.eye
     stress, stress_adjoint = mixture.stress, mixture.stress_adjoint
     apply, contact_adjoint, velocity, place = contact.apply, contact.adjoint, forward.velocity, forward.place
     plastic, has_walls = mixture.is_plastic, len(walls) > 0
     ke, kp = mixture.Ke, mixture.Kp
-
-    @wp.func
-    def columns(A: mat33):
-        """Columns of a matrix that acts on momentum or velocity, as rows of the grid; they carry no mass."""
-        z = real(0.0)
-        return (
-            vec4(A[0, 0], A[1, 0], A[2, 0], z),
-            vec4(A[0, 1], A[1, 1], A[2, 1], z),
-            vec4(A[0, 2], A[1, 2], A[2, 2], z),
-        )
 
     @wp.func
     def about_particle(s0: vec4, s1: vec4, s2: vec4, S: vec3, f: vec3):
@@ -108,8 +98,7 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         r = at + p
         idx = real(1.0) / dx
         g = ((X[p] - low) + u[r]) * idx
-        bx, by, bz = wp.int32(g[0] - real(0.5)), wp.int32(g[1] - real(0.5)), wp.int32(g[2] - real(0.5))
-        f = g - vec3(real(bx), real(by), real(bz))
+        bx, by, bz, f = cell(g)
         wx, wy, wz = weights(f[0]), weights(f[1]), weights(f[2])
         dwx, dwy, dwz = slopes(f[0]), slopes(f[1]), slopes(f[2])
         Lt = dt * wp.transpose(C[to + p])
@@ -205,8 +194,7 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         r = at + p
         idx = real(1.0) / dx
         g = ((X[p] - low) + u[r]) * idx
-        bx, by, bz = wp.int32(g[0] - real(0.5)), wp.int32(g[1] - real(0.5)), wp.int32(g[2] - real(0.5))
-        f = g - vec3(real(bx), real(by), real(bz))
+        bx, by, bz, f = cell(g)
         wx, wy, wz = weights(f[0]), weights(f[1]), weights(f[2])
         dwx, dwy, dwz = slopes(f[0]), slopes(f[1]), slopes(f[2])
         w_e_p = w_e_t()

@@ -72,7 +72,8 @@ def _make_gather(mixture: Any, walls: Signature, real: type) -> SimpleNamespace:
     forward = make_kernels(mixture, walls, real)
     vec3, mat33, vec4, wall_t = forward.vec3, forward.mat33, forward.vec4, forward.wall_t
     spline, apply = make_spline(real), make_contact(walls, real).apply
-    weights, inside, velocity, place = spline.weights, spline.inside, forward.velocity, forward.place
+    weights, inside, cell, columns = spline.weights, spline.inside, spline.cell, spline.columns
+    velocity, place = forward.velocity, forward.place
 
     @wp.kernel(module="unique", enable_backward=False)
     def p2g_free(
@@ -92,15 +93,12 @@ def _make_gather(mixture: Any, walls: Signature, real: type) -> SimpleNamespace:
         g = ((X[p] - low) + u[r]) * (real(1.0) / dx)
         if not inside(g, n):
             return
-        bx, by, bz = wp.int32(g[0] - real(0.5)), wp.int32(g[1] - real(0.5)), wp.int32(g[2] - real(0.5))
-        f = g - vec3(real(bx), real(by), real(bz))
+        bx, by, bz, f = cell(g)
         wx, wy, wz = weights(f[0]), weights(f[1]), weights(f[2])
         A = (m[p] * dx) * C[r]
         q3 = m[p] * v[r] - A * f
         q = vec4(q3[0], q3[1], q3[2], real(0.0))
-        a0 = vec4(A[0, 0], A[1, 0], A[2, 0], real(0.0))
-        a1 = vec4(A[0, 1], A[1, 1], A[2, 1], real(0.0))
-        a2 = vec4(A[0, 2], A[1, 2], A[2, 2], real(0.0))
+        a0, a1, a2 = columns(A)
         for i in range(3):
             for j in range(3):
                 w_ij = wx[i] * wy[j]
@@ -127,8 +125,7 @@ def _make_gather(mixture: Any, walls: Signature, real: type) -> SimpleNamespace:
         g = ((X[p] - low) + u[at + p]) * (real(1.0) / dx)
         if not inside(g, n):
             return
-        bx, by, bz = wp.int32(g[0] - real(0.5)), wp.int32(g[1] - real(0.5)), wp.int32(g[2] - real(0.5))
-        f = g - vec3(real(bx), real(by), real(bz))
+        bx, by, bz, f = cell(g)
         wx, wy, wz = weights(f[0]), weights(f[1]), weights(f[2])
         dv = vec4()
         for i in range(3):

@@ -27,13 +27,13 @@ from diffuphy.mpm.boundary import Signature, make_contact
 LEFT, INVERTED, FAST = 0, 1, 2
 """What a particle may do wrong, as the place in the status array where 1 + its index goes."""
 
-_made: dict[tuple[Any, ...], tuple[Any, SimpleNamespace | None]] = {}
+_made: dict[tuple[Any, ...], tuple[Any, SimpleNamespace]] = {}
 
 
 @lru_cache
 def make_spline(real: type) -> SimpleNamespace:
-    """Quadratic B-spline and its derivative at the three nodes around a particle, and the test that they exist."""
-    vec3, mat33 = wp.types.vector(3, real), wp.types.matrix((3, 3), real)
+    """Quadratic B-spline and its derivative at the three nodes around a particle, and what else transfers share."""
+    vec3, vec4, mat33 = wp.types.vector(3, real), wp.types.vector(4, real), wp.types.matrix((3, 3), real)
 
     @wp.func
     def weights(f: real):
@@ -56,40 +56,55 @@ def make_spline(real: type) -> SimpleNamespace:
         )  # fmt: skip
 
     @wp.func
+    def cell(g: vec3):
+        """Lowest of the 27 nodes around a place, and how far the place is from it, both in cells."""
+        h = real(0.5)
+        bx, by, bz = wp.int32(g[0] - h), wp.int32(g[1] - h), wp.int32(g[2] - h)
+        return bx, by, bz, g - vec3(real(bx), real(by), real(bz))
+
+    @wp.func
+    def columns(A: mat33):
+        """Columns of a matrix that acts on momentum or velocity, as rows of the grid; they carry no mass."""
+        z = real(0.0)
+        return (
+            vec4(A[0, 0], A[1, 0], A[2, 0], z),
+            vec4(A[0, 1], A[1, 1], A[2, 1], z),
+            vec4(A[0, 2], A[1, 2], A[2, 2], z),
+        )
+
+    @wp.func
     def eye():
         o, z = real(1.0), real(0.0)
         return mat33(o, z, z, z, o, z, z, z, o)
 
-    return SimpleNamespace(weights=weights, slopes=slopes, inside=inside, eye=eye)
+    return SimpleNamespace(weights=weights, slopes=slopes, inside=inside, cell=cell, columns=columns, eye=eye)
 
 
 def make_kernels(mixture: Any, walls: Signature, real: type) -> SimpleNamespace:
-    """The three kernels of a substep: ``p2g``, ``grid_update``, ``g2p``, and their types. Cached; safe to call from
-    several threads."""
+    """The three kernels of a substep: ``p2g``, ``grid_update``, ``g2p``, and their types.
+
+    Cached; safe to call from several threads.
+    """
     return cached(_make_kernels, mixture, walls, real)
 
 
 def cached(make: Callable[..., SimpleNamespace], mixture: Any, *key: Any) -> SimpleNamespace:
-    """``make(mixture, *key)``, made once for each mixture object, by one thread at a time (Warp builds modules one
-    at a time)."""
+    """``make(mixture, *key)``, made once for each mixture object, by one thread at a time."""
     with LOCK:
-        made = _made.setdefault((make, id(mixture), key), (mixture, None))[
-            1
-        ]  # holding the mixture keeps its id its own
-        if made is None:
-            made = make(mixture, *key)
-            _made[make, id(mixture), key] = (mixture, made)
-        return made
+        known = (make, id(mixture), key)
+        if known not in _made:
+            _made[known] = (mixture, make(mixture, *key))  # holding the mixture keeps its id its own
+        return _made[known][1]
 
 
 def _make_kernels(mixture: Any, walls: Signature, real: type) -> SimpleNamespace:
     vec3, mat33, vec4 = mixture.vec3, mixture.mat33, wp.types.vector(4, real)
     w_e_t, w_p_t, theta_t = mixture.w_e_t, mixture.w_p_t, mixture.theta_t
     spline, contact = make_spline(real), make_contact(walls, real)
-    weights, inside, eye, stress = spline.weights, spline.inside, spline.eye, mixture.stress
+    weights, inside, cell, columns, eye = spline.weights, spline.inside, spline.cell, spline.columns, spline.eye
     apply, wall_t = contact.apply, contact.wall_t
     plastic, has_walls = mixture.is_plastic, len(walls) > 0
-    ke, kp = mixture.Ke, mixture.Kp
+    stress, ke, kp = mixture.stress, mixture.Ke, mixture.Kp
 
     @wp.kernel(module="unique", enable_backward=False)
     def p2g(
@@ -109,9 +124,7 @@ def _make_kernels(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         n: wp.vec3i,  # nodes along each axis
         at: wp.int32,  # first row of this state in u, v, C, He
         grid: wp.array[vec4],  # (nodes,) momentum [kg m/s], mass [kg]   out
-        He_out: wp.array[
-            mat33
-        ],  # (N,) [-]  elastic deformation gradient minus I, after flow   out, only with plasticity
+        He_out: wp.array[mat33],  # (N,) [-]  elastic part minus I, after flow   out, only with plasticity
         status: wp.array[wp.int32],  # (3,)   out
     ):
         p = wp.tid()
@@ -121,8 +134,7 @@ def _make_kernels(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         if not inside(g, n):
             wp.atomic_max(status, LEFT, p + 1)
             return
-        bx, by, bz = wp.int32(g[0] - real(0.5)), wp.int32(g[1] - real(0.5)), wp.int32(g[2] - real(0.5))
-        f = g - vec3(real(bx), real(by), real(bz))
+        bx, by, bz, f = cell(g)
         wx, wy, wz = weights(f[0]), weights(f[1]), weights(f[2])
         w_e_p = w_e_t()
         w_p_p = w_p_t()
@@ -138,9 +150,7 @@ def _make_kernels(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         A = (m_p * dx) * C[r] - (real(4.0) * dt * vol[p] * idx) * tau  # per cell, not per metre
         q3 = m_p * v[r] - A * f
         q = vec4(q3[0], q3[1], q3[2], m_p)
-        a0 = vec4(A[0, 0], A[1, 0], A[2, 0], real(0.0))
-        a1 = vec4(A[0, 1], A[1, 1], A[2, 1], real(0.0))
-        a2 = vec4(A[0, 2], A[1, 2], A[2, 2], real(0.0))
+        a0, a1, a2 = columns(A)
         for i in range(3):
             for j in range(3):
                 w_ij = wx[i] * wy[j]
@@ -186,9 +196,7 @@ def _make_kernels(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
     def g2p(
         X: wp.array[vec3],
         u: wp.array[vec3],
-        He: wp.array[
-            mat33
-        ],  # [-]  elastic part minus I: with plasticity after flow, one row a particle, else rows as u
+        He: wp.array[mat33],  # elastic part minus I: with plasticity after flow, one row a particle, else rows as u
         H: wp.array[mat33],  # (N,) [-]  total deformation gradient minus I, only with plasticity
         grid_v: wp.array[vec4],
         low: vec3,
@@ -211,8 +219,7 @@ def _make_kernels(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         g = ((X[p] - low) + u_p) * idx
         if not inside(g, n):
             return
-        bx, by, bz = wp.int32(g[0] - real(0.5)), wp.int32(g[1] - real(0.5)), wp.int32(g[2] - real(0.5))
-        f = g - vec3(real(bx), real(by), real(bz))
+        bx, by, bz, f = cell(g)
         wx, wy, wz = weights(f[0]), weights(f[1]), weights(f[2])
         b0, b1, b2, b3 = vec4(), vec4(), vec4(), vec4()
         for i in range(3):
