@@ -15,7 +15,8 @@ import os
 import platform
 import shutil
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -214,7 +215,8 @@ class Store:
         log.info("%s: %s", stage.name, "continuing" if work.load() is not None else "started")
         _peak_megabytes(reset=True)
         start = time.perf_counter()
-        result = stage.run(*inputs, work=work)
+        with _fixed_order(self.device):
+            result = stage.run(*inputs, work=work)
         seconds = time.perf_counter() - start
         result.to("cpu").save(partial)
         meta = {
@@ -236,6 +238,19 @@ class Store:
         result, _, field = name.partition(".")
         value = types[result].load(done[result])
         return getattr(value, field) if field else value.to(self.device)
+
+
+@contextmanager
+def _fixed_order(device: str) -> Iterator[None]:
+    """On the CPU torch adds in one order: with several threads an indexed sum otherwise depends on who comes first."""
+    import torch
+
+    before = torch.are_deterministic_algorithms_enabled(), torch.is_deterministic_algorithms_warn_only_enabled()
+    torch.use_deterministic_algorithms(before[0] or device == "cpu", warn_only=before[1])
+    try:
+        yield
+    finally:
+        torch.use_deterministic_algorithms(before[0], warn_only=before[1])
 
 
 def _versions() -> dict[str, str]:

@@ -120,6 +120,30 @@ def test_interrupted_stage_continues_to_the_same_bytes(tmp_path, monkeypatch):
     assert calls == ["count"]
 
 
+@dataclass(frozen=True)
+class Histogram:
+    """An indexed sum of enough terms for torch to share it among threads."""
+
+    def __call__(self, *, work):
+        generator = torch.Generator().manual_seed(0)
+        index = torch.randint(0, 50, (400_000,), generator=generator)
+        terms = torch.randn(len(index), generator=generator)
+        return Text("sum", torch.zeros(50).index_put_((index,), terms, accumulate=True))
+
+
+def test_sums_do_not_depend_on_the_order_of_threads(tmp_path):
+    """Twenty runs with two threads give the same bytes; torch's default gives several."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        stage = Stage("sum", Text, Histogram())
+        found = {digest(run(tmp_path, [stage], until="sum", force=["sum"])[0].path) for _ in range(20)}
+    finally:
+        torch.set_num_threads(threads)
+    assert len(found) == 1
+    assert not torch.are_deterministic_algorithms_enabled()
+
+
 def test_no_checkpoint_is_left_behind(tmp_path):
     path = run(tmp_path, line())[-1].path
     assert not list(path.rglob("checkpoint*"))
