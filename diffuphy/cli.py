@@ -72,6 +72,7 @@ def film(cfg: DictConfig) -> None:
 
     check(OmegaConf.to_container(cfg, resolve=True))  # type: ignore[arg-type]
     cfg.device = device(cfg.device)
+    set_threads(cfg.threads)
     force = [cfg.force] if isinstance(cfg.force, str) else list(cfg.force)
     components = instantiate(cfg.stages, _convert_="all")
     store = Store(Path(cfg.store), device=cfg.device, interval=cfg.checkpoint_seconds)
@@ -118,6 +119,15 @@ def device(name: str) -> str:
         there = f"cuda:0 to cuda:{found - 1} are there" if found else "there is no CUDA device"
         raise ValueError(f"device={name}: {there}; use device=cpu or device=auto")
     return name
+
+
+def set_threads(number: int) -> None:
+    """Let torch use this many threads on the CPU."""
+    import torch
+
+    if number < 1:
+        raise ValueError(f"threads must be at least 1, got {number}")
+    torch.set_num_threads(number)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

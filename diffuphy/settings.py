@@ -10,6 +10,7 @@ from hydra.utils import get_object
 RUN = {
     "seed": int,
     "device": str,
+    "threads": int,
     "store": str,
     "until": str,
     "force": str | tuple[str, ...],

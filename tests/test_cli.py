@@ -35,7 +35,7 @@ def conf(tmp_path, monkeypatch):
     (folder / "train.yaml").write_text(
         "defaults: [fit: sds, guidance: analytic, _self_, experiment: null, override hydra/help: film,\n"
         "  override hydra/job_logging: lines, override hydra/hydra_logging: lines]\n"
-        f"prompt: ???\nseed: 0\nstore: {tmp_path}/outputs\ndevice: auto\nuntil: clip\nforce: []\n"
+        f"prompt: ???\nseed: 0\nstore: {tmp_path}/outputs\ndevice: auto\nthreads: 1\nuntil: clip\nforce: []\n"
         "checkpoint_seconds: 3\n"
         "stages: {clip: '${clip}'}\nclip: {_target_: fractions.Fraction, _args_: ['${prompt}']}\n"
         + text[text.index("\nhydra:") :]
@@ -296,6 +296,23 @@ def test_command_is_shown_as_typed(argument, shown):
 def test_shown_command_gives_the_same_prompt(text):
     (override,) = protect([f"prompt={text}"])
     assert protect(shlex.split(cli.typed(override))) == [override]
+
+
+def test_number_of_threads_is_that_of_the_settings(conf, monkeypatch, capsys):
+    import torch
+
+    from diffuphy import pipeline
+    from diffuphy.plan import Plan
+
+    before, seen = torch.get_num_threads(), []
+    monkeypatch.setattr(pipeline, "run", lambda c, **_: seen.append(torch.get_num_threads()) or ([], Plan(c, ())))
+    try:
+        assert main(["prompt=1/2"]) == main(["prompt=1/2", "threads=2"]) == 0
+        assert main(["prompt=1/2", "threads=0"]) == 2
+    finally:
+        torch.set_num_threads(before)
+    assert seen == [1, 2]
+    assert capsys.readouterr().err.endswith("error: threads must be at least 1, got 0\n")
 
 
 def test_one_stage_may_be_forced_by_name(conf, monkeypatch):
