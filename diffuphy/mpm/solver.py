@@ -4,21 +4,18 @@ Several solvers may run in several threads; one solver may not. Nothing here dec
 ``rollout`` does.
 """
 
-import contextlib
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
 import torch
 import warp as wp
 from torch import Tensor
 
-from diffuphy.compiling import LOCK
 from diffuphy.mpm.adjoint import Needs, make_adjoint
-from diffuphy.mpm.boundary import Boundary, rows, signature
+from diffuphy.mpm.boundary import Boundary, signature
 from diffuphy.mpm.gather import Sums, make_gather
-from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.kernels import make_kernels
+from diffuphy.mpm.launch import Arguments, set_integers
 from diffuphy.mpm.state import REAL, Matter, Rows, Span, State, view
 
 SEGMENT_BYTES = 2**28
@@ -53,8 +50,7 @@ class Solver:
         self.dtype, self.device, self.real = dtype, torch.device(device), REAL[dtype]
         self.walls = signature(self.boundaries)
         self.kernels = make_kernels(mixture, self.walls, self.real)
-        self._still = all(b.still for b in self.boundaries)
-        self._nodes: dict[str, Tensor] = {}
+        self._arguments = Arguments(self.kernels, self.boundaries, self.gravity, dtype, self.device)
 
     # ------------------------------------------------------------------ forward
     def advance(
@@ -63,7 +59,7 @@ class Solver:
         """The state after ``span``; for each of LEFT, INVERTED, FAST one more than the index of a particle that did so
         (0: none); and, if ``keep``, every state on the way, for ``advance_adjoint``. What ``sums`` asks for is added
         to it."""
-        with self._stream():
+        with self._arguments.stream():
             work = Rows(self.kernels, state, slots=span.n_sub + 1 if keep else 1)
             status = torch.zeros(3, dtype=torch.int32, device=self.device)
             flowed = torch.empty_like(state.He) if keep and self.mixture.is_plastic else None
@@ -81,15 +77,15 @@ class Solver:
         self, work: Rows, matter: Matter, span: Span, status: Tensor, flowed: Tensor | None, sums: Sums | None = None
     ) -> list[Callable[[int, int], None]]:
         """The substeps of ``span`` as functions of the rows to read and to write."""
-        k, plastic = self.kernels, self.mixture.is_plastic
-        low, n, dx, dt = self._frame(span)
-        grid, grid_v = self._nodal("grid", span.grid), self._nodal("grid_v", span.grid)
-        a, mat, row = work.arrays, self._matter(matter), self._rows(span)
+        args, k, plastic = self._arguments, self.kernels, self.mixture.is_plastic
+        low, n, dx, dt = args.frame(span)
+        grid, grid_v = args.nodal("grid", span.grid), args.nodal("grid_v", span.grid)
+        a, mat, row = work.arrays, args.matter(matter), args.rows(span)
         He_out = a.He if flowed is None else view(flowed, k.mat33, self.device)
         st = wp.from_torch(status)
-        p2g = self._record(k.p2g, work.n, [a.X, a.u, a.v, a.C, a.He, *mat, low, dx, dt, n, 0, grid, He_out, st])
-        grid_update = self._record(k.grid_update, span.grid.nodes, [grid, row, 0, self._kick(span), dx, n, grid_v])
-        g2p = self._record(
+        p2g = args.record(k.p2g, work.n, [a.X, a.u, a.v, a.C, a.He, *mat, low, dx, dt, n, 0, grid, He_out, st])
+        grid_update = args.record(k.grid_update, span.grid.nodes, [grid, row, 0, args.kick(span), dx, n, grid_v])
+        g2p = args.record(
             k.g2p, work.n,
             [a.X, a.u, He_out if plastic else a.He, a.H, grid_v, low, dx, dt, n, 0, 0, a.u, a.v, a.C, a.He, a.H, st],
         )  # fmt: skip
@@ -97,10 +93,10 @@ class Solver:
 
         def step(s: int, at: int, to: int) -> None:
             if at != to:
-                _set(p2g, at=at)
-                _set(g2p, at=at, to=to)
-            if not self._still:
-                _set(grid_update, s=s)
+                set_integers(p2g, at=at)
+                set_integers(g2p, at=at, to=to)
+            if not args.still:
+                set_integers(grid_update, s=s)
             p2g.launch()
             if gather is not None:
                 gather(s, at)
@@ -114,28 +110,29 @@ class Solver:
     ) -> Callable[[int, int], None]:
         """What one substep adds to ``sums`` between p2g and grid_update, as a function of its number and of the row to
         read."""
-        k, a, kick = make_gather(self.mixture, self.walls, self.real), work.arrays, self._kick(span)
-        low, n, dx, _ = self._frame(span)
+        args, a = self._arguments, work.arrays
+        k, kick = make_gather(self.mixture, self.walls, self.real), args.kick(span)
+        low, n, dx, _ = args.frame(span)
         forces, walls, free = [], None, None
         if sums.expected_dv is not None:
-            free, out = self._nodal("free", span.grid), view(sums.expected_dv, self.kernels.vec3, self.device)
+            free, out = args.nodal("free", span.grid), view(sums.expected_dv, self.kernels.vec3, self.device)
             forces = [
-                self._record(k.p2g_free, work.n, [a.X, a.u, a.v, a.C, m, low, dx, n, 0, free]),
-                self._record(k.add_forces, work.n, [a.X, a.u, grid, free, kick, low, dx, n, 0, out]),
+                args.record(k.p2g_free, work.n, [a.X, a.u, a.v, a.C, m, low, dx, n, 0, free]),
+                args.record(k.add_forces, work.n, [a.X, a.u, grid, free, kick, low, dx, n, 0, out]),
             ]
         if sums.nodal is not None and self.walls:
             nodal = view(sums.nodal, self.kernels.vec3, self.device)
-            walls = self._record(k.add_walls, span.grid.nodes, [grid, row, 0, kick, dx, n, nodal])
+            walls = args.record(k.add_walls, span.grid.nodes, [grid, row, 0, kick, dx, n, nodal])
 
         def add(s: int, at: int) -> None:
             if free is not None:
                 free.zero_()
             for command in forces:
-                _set(command, at=at)
+                set_integers(command, at=at)
                 command.launch()
             if walls is not None:
-                if not self._still:
-                    _set(walls, s=s)
+                if not args.still:
+                    set_integers(walls, s=s)
                 walls.launch()
 
         return add
@@ -168,7 +165,7 @@ class Solver:
             fits = (span.n_sub + 1) * per_state <= SEGMENT_BYTES
             segment = span.n_sub if fits else max(1, round(span.n_sub**0.5))
         segment = span.n_sub if kept is not None else min(segment, span.n_sub)
-        with self._stream():
+        with self._arguments.stream():
             starts = list(range(0, span.n_sub, segment))
             work = Rows(self.kernels, state, slots=segment + 1) if kept is None else kept
             flowed = torch.empty_like(state.He) if self.mixture.is_plastic else None
@@ -204,11 +201,11 @@ class Solver:
         needs: Needs, matter_bars: tuple[Tensor | None, ...], flowed: Tensor | None,
     ) -> Callable[[int, int, int], None]:  # fmt: skip
         """One substep backwards, as a function of its number and of the rows of its two ends."""
-        k, mix = self.kernels, self.mixture
+        args, k, mix = self._arguments, self.kernels, self.mixture
         adj = make_adjoint(mix, self.walls, self.real)
-        low, n, dx, dt = self._frame(span)
-        grid, grid_v, grid_bar = (self._nodal(name, span.grid) for name in ("grid", "grid_v", "grid_bar"))
-        a, mat, row, kick = work.arrays, self._matter(matter), self._rows(span), self._kick(span)
+        low, n, dx, dt = args.frame(span)
+        grid, grid_v, grid_bar = (args.nodal(name, span.grid) for name in ("grid", "grid_v", "grid_bar"))
+        a, mat, row, kick = work.arrays, args.matter(matter), args.rows(span), args.kick(span)
         He = a.He if flowed is None else view(flowed, k.mat33, self.device)
         scratch = view(flowed, k.mat33, self.device) if flowed is not None else a.He
         status = wp.zeros(3, dtype=wp.int32, device=str(self.device))
@@ -220,80 +217,24 @@ class Solver:
             for t, d in zip(matter_bars, (mix.w_e_t, mix.w_p_t, mix.theta_t, self.real), strict=True)
         ]
         N, nodes = work.n, span.grid.nodes
-        p2g = self._record(k.p2g, N, [a.X, a.u, a.v, a.C, a.He, *mat, low, dx, dt, n, 0, grid, scratch, status])
-        again = self._record(adj.grid_again, nodes, [grid, row, 0, kick, dx, n, grid_v, grid_bar])
-        g2p = self._record(
+        p2g = args.record(k.p2g, N, [a.X, a.u, a.v, a.C, a.He, *mat, low, dx, dt, n, 0, grid, scratch, status])
+        again = args.record(adj.grid_again, nodes, [grid, row, 0, kick, dx, n, grid_v, grid_bar])
+        g2p = args.record(
             adj.g2p_adjoint, N, [a.X, a.u, He, a.H, a.C, grid_v, low, dx, dt, n, 0, 0, *b, H_bar, grid_bar]
         )
-        grid_adjoint = self._record(adj.grid_adjoint, nodes, [grid, row, 0, kick, dx, n, grid_bar])
-        p2g_adjoint = self._record(
+        grid_adjoint = args.record(adj.grid_adjoint, nodes, [grid, row, 0, kick, dx, n, grid_bar])
+        p2g_adjoint = args.record(
             adj.p2g_adjoint, N, [a.X, a.u, a.v, a.C, a.He, *mat, low, dx, dt, n, 0, grid_bar, *b, *mb, *needs]
         )
 
         def step(s: int, at: int, to: int) -> None:
-            _set(p2g, at=at)
-            _set(g2p, at=at, to=to)
-            _set(p2g_adjoint, at=at)
-            if not self._still:
-                _set(again, s=s)
-                _set(grid_adjoint, s=s)
+            set_integers(p2g, at=at)
+            set_integers(g2p, at=at, to=to)
+            set_integers(p2g_adjoint, at=at)
+            if not args.still:
+                set_integers(again, s=s)
+                set_integers(grid_adjoint, s=s)
             for command in (p2g, again, g2p, grid_adjoint, p2g_adjoint):
                 command.launch()
 
         return step
-
-    # ------------------------------------------------------------------ arguments of kernels
-    def _frame(self, span: Span) -> tuple[Any, Any, float, float]:
-        low = self.kernels.vec3(*(o * span.grid.dx for o in span.grid.origin))
-        return low, wp.vec3i(*span.grid.shape), span.grid.dx, span.dt
-
-    def _kick(self, span: Span) -> Any:
-        return self.kernels.vec3(*(g * span.dt for g in self.gravity))
-
-    def _rows(self, span: Span) -> wp.array:
-        """Wall data of every substep; one row when all walls stand still."""
-        times = span.start + span.dt * np.arange(1 if self._still else span.n_sub)
-        data = rows(self.boundaries, span.grid, times)
-        return (
-            wp.array(data, dtype=self.kernels.wall_t, device=str(self.device))
-            if self.walls
-            else wp.zeros((1, 0), dtype=self.kernels.wall_t, device=str(self.device))
-        )
-
-    def _nodal(self, name: str, grid: Grid) -> wp.array:
-        """Four numbers a node, zero at first; kept between frames and made larger when a block needs it."""
-        kept = self._nodes.get(name)
-        if kept is None or kept.shape[0] < grid.nodes:
-            self._nodes[name] = kept = torch.zeros(
-                (grid.nodes + grid.nodes // 4, 4), dtype=self.dtype, device=self.device
-            )
-        if name == "grid":
-            kept[: grid.nodes].zero_()
-        return view(kept, self.kernels.vec4, self.device)
-
-    def _matter(self, matter: Matter) -> list[wp.array]:
-        mix = self.mixture
-        pairs = (
-            (matter.w_e, mix.w_e_t),
-            (matter.w_p, mix.w_p_t),
-            (matter.theta, mix.theta_t),
-            (matter.m, self.real),
-            (matter.vol, self.real),
-        )
-        return [view(t, d, self.device) for t, d in pairs]
-
-    def _record(self, kernel: wp.Kernel, dim: int, inputs: list[Any]) -> wp.Launch:
-        with LOCK:  # the first launch of a kernel builds and loads it
-            return wp.launch(kernel, dim=dim, inputs=inputs, device=str(self.device), record_cmd=True)
-
-    def _stream(self) -> contextlib.AbstractContextManager[Any]:
-        if self.device.type == "cpu":
-            return contextlib.nullcontext()
-        return wp.ScopedStream(wp.stream_from_torch(torch.cuda.current_stream(self.device)))
-
-
-def _set(command: wp.Launch, **integers: int) -> None:
-    """Change integer arguments of a recorded launch, by name."""
-    names = [arg.label for arg in command.kernel.adj.args]
-    for name, value in integers.items():
-        command.set_param_at_index_from_ctype(names.index(name), value)

@@ -13,6 +13,7 @@ from diffuphy.material import make_mixture
 from diffuphy.material.reference import kirchhoff, return_map
 from diffuphy.mpm import FrameReport, HalfSpace, Scene, Sphere, gather, rollout, simulate, solver
 from diffuphy.mpm.boundary import signature
+from diffuphy.mpm.launch import Arguments
 from tests.mpm.bodies import block, field, rotation
 
 DX = 0.05
@@ -161,9 +162,9 @@ def test_a_frame_run_again_is_counted_once():
 def test_only_who_asks_pays(names, launches, monkeypatch):
     """Three launches a substep, one more for the impulse, two for the forces; nothing else is made or allocated."""
     count, buffers = [], []
-    launch, nodal = wp.Launch.launch, solver.Solver._nodal
+    launch, nodal = wp.Launch.launch, Arguments.nodal
     monkeypatch.setattr(wp.Launch, "launch", lambda self, *a, **k: (count.append(1), launch(self, *a, **k))[1])
-    monkeypatch.setattr(solver.Solver, "_nodal", lambda self, n, g: (buffers.append(n), nodal(self, n, g))[1])
+    monkeypatch.setattr(Arguments, "nodal", lambda self, n, g: (buffers.append(n), nodal(self, n, g))[1])
     if not names:
         monkeypatch.setattr(solver, "make_gather", None)
     scene = dataclasses.replace(FREE, boundaries=WALLS["rough"])
