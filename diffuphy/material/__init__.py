@@ -10,7 +10,8 @@ from .elastic import ELASTIC
 from .expert import Elastic, Layout, Param, Plastic
 from .mixture import Mixture, make_mixture, rate_gate, wave_speed
 from .plastic import PLASTIC
-from .presets import PRESETS, Preset, candidates, lookup
+from .preset import Preset
+from .presets import PRESETS, candidates, lookup
 
 __all__ = [
     "ELASTIC",

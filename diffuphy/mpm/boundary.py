@@ -1,9 +1,8 @@
 """Walls that act on the grid: half-spaces and balls; sticky, slipping or separating, with Coulomb friction, still or
 moving.
 
-A node i with signed distance φ(x_i) ≤ −reach·Δx to the surface belongs to the wall. With the velocity relative to
-the wall
-u = v_i − V, u_n = u·n and u_t = u − u_n n (n points out of the wall, into the material):
+A node i with signed distance φ(x_i) ≤ −reach·Δx to the surface belongs to the wall. With the velocity relative to the
+wall u = v_i − V, u_n = u·n and u_t = u − u_n n (n points out of the wall, into the material):
 
     sticky      u ← 0
     slip        u ← u_t                                          always (bilateral)
@@ -55,8 +54,8 @@ class _Wall:
     """Time at which it vanishes [s]."""
     reach: float = 0.0
     """How far behind the surface the governed nodes begin [Δx]. With 0 a body at rest lies on the surface, but an
-    elastic one that falls is
-    turned back 0.3 to 0.9 Δx above it, since nodes are felt from 1.5 Δx away; see ``docs/boundaries.md``."""
+    elastic one that falls is turned back 0.3 to 0.9 Δx above it, since nodes are felt from 1.5 Δx away; see
+    ``docs/boundaries.md``."""
 
     def __post_init__(self) -> None:
         if self.kind not in ("sticky", "slip", "separate"):
@@ -226,8 +225,7 @@ def make_contact(walls: Signature, real: type) -> SimpleNamespace:
     in order.
 
     ``r`` is the node from the lowest node of the grid [m], ``row`` the wall data, ``s`` the row of this step. The
-    adjoint is with
-    respect to the velocity before the walls; walls themselves are data.
+    adjoint is with respect to the velocity before the walls; walls themselves are data.
     """
     vec3, wall_t = wp.types.vector(3, real), wp.types.vector(N_WALL, real)
     if not walls:

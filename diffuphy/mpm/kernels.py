@@ -9,9 +9,9 @@
 
 Quadratic B-splines, affine transfer (Jiang et al. 2015) with the moving-least-squares force (Hu et al. 2018, eqs.
 16–17), D = Δx²/4.
-A position is kept as X + u with X that of the beginning of the frame, a deformation gradient as H = F − I:
-increments of
-one substep are far below the rounding of x and of F in float32, but not below that of u and H.
+
+A position is kept as X + u with X that of the beginning of the frame, a deformation gradient as H = F − I: increments
+of one substep are far below the rounding of x and of F in float32, but not below that of u and H.
 """
 
 from collections.abc import Callable

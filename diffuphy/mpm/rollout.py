@@ -2,9 +2,8 @@
 
     n_sub = ⌈T / min( cfl Δx / (c + V),  0.8 Δx / (s c + V) )⌉,      T = 1/fps
 
-c is the fastest wave of the mixture at rest, V bounds the speed of a particle in the frame, s ≥ 1 says how much
-faster waves run
-in the present stretch. The number depends on the material, so it is found again for every frame; it is not
+c is the fastest wave of the mixture at rest, V bounds the speed of a particle in the frame, s ≥ 1 says how much faster
+waves run in the present stretch. The number depends on the material, so it is found again for every frame; it is not
 differentiated.
 """
 

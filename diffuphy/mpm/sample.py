@@ -32,14 +32,11 @@ class _Solid:
 class Sample:
     """Particles of an object.
 
-    The opaque Gaussians are scaled to metres; a lattice of ``per_cell`` cells a grid cell is laid over them; cells
-    in which their density
-    exceeds ``threshold`` are matter, and with ``fill="interior"`` so are the cells they enclose. Each such cell
-    becomes one particle: at
-    the most opaque Gaussian in it, or at a jittered point, with the volume of the cell. Cells are judged by their
-    centres, so the volumes add up
-    to that of the body within the surface d = threshold, which lies one to two standard deviations outside the
-    outermost centres.
+    The opaque Gaussians are scaled to metres; a lattice of ``per_cell`` cells a grid cell is laid over them; cells in
+    which their density exceeds ``threshold`` are matter, and with ``fill="interior"`` so are the cells they enclose.
+    Each such cell becomes one particle: at the most opaque Gaussian in it, or at a jittered point, with the volume of
+    the cell. Cells are judged by their centres, so the volumes add up to that of the body within the surface d =
+    threshold, which lies one to two standard deviations outside the outermost centres.
     """
 
     VERSION = 1

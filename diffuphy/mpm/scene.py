@@ -32,9 +32,8 @@ class Scene:
     boundaries: tuple[Boundary, ...] = (HalfSpace(friction=0.5),)
     """Walls; ``HalfSpace`` and ``Sphere``, at most 8."""
     cfl: float = 0.4
-    """Δt (c + |v|) / Δx, the cells that a wave crosses in a substep [-]. Explicit steps are stable to about 0.8;
-    half of it leaves room for
-    stiffening while a body is squeezed."""
+    """Δt (c + |v|) / Δx, the cells that a wave crosses in a substep [-]. Explicit steps are stable to about 0.8; half
+    of it leaves room for stiffening while a body is squeezed."""
 
     def __post_init__(self) -> None:
         for name in ("gravity", "velocity", "spin"):

@@ -35,12 +35,10 @@ def test_noise_cancels_for_one_reference(weight):
 
 @pytest.mark.parametrize("weight", list(WEIGHTS))
 def test_expected_gradient_is_the_closed_form(weight):
-    """E_ε[w(ε̂ − ε)] = w σ α (z − r) / (α² s² + σ²) for one Gaussian; per draw the rest is w (σ²/v − 1) ε with v =
-    α²s² + σ².
+    """E_ε[w(ε̂ − ε)] = w σ α (z − r) / v for one Gaussian, v = α² s² + σ²; per draw the rest is w (σ²/v − 1) ε.
 
-    The mean of n draws is therefore normal about the closed form with standard error w |σ²/v − 1| / √n. The largest
-    of D
-    such errors exceeds 5.5 of them with chance D · 4e-8 < 1e-5, and their rms must be the standard error within
+    The mean of n draws is therefore normal about the closed form with standard error w |σ²/v − 1| / √n. The largest of
+    D such errors exceeds 5.5 of them with chance D · 4e-8 < 1e-5, and their rms must be the standard error within
     4/√(2D).
     """
     g = torch.Generator().manual_seed(0)

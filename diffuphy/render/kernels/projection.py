@@ -214,9 +214,7 @@ def projection_kernels(real: type, deformed: bool) -> SimpleNamespace:
         width: int,
         height: int,
         alpha_min: real,
-        boxes: wp.array2d(
-            dtype=wp.vec4i
-        ),  # (C, G) first column, first row, last column + 1, last row + 1; zeros if unseen
+        boxes: wp.array2d(dtype=wp.vec4i),  # (C, G) first column and row, last column and row + 1; zeros if unseen
     ):
         """Smallest box of pixels outside which o exp(-½ dᵀ Σ₂⁻¹ d) < α_min: half widths σ √(2 ln(o / α_min))."""
         i = start + wp.tid()

@@ -38,11 +38,9 @@ class Paint:
     third: RGB = WHITE
     pattern: int = PLAIN
     """PLAIN: colour. SEGMENTS: `scale` gores about z (colour, third, second, third). NOISE: colour and second mixed by
-    noise.
-    WAFFLE: crossing lines. FACES: a colour by axis, third beyond `scale` of the way to an edge. STRIPES: `scale` a
-    unit along z.
-    HEIGHT: second below, colour above, over ±`scale`. RIM: colour inside, second near the radius. DOTS: second dots,
-    `scale` a unit."""
+    noise. WAFFLE: crossing lines. FACES: a colour by axis, third beyond `scale` of the way to an edge. STRIPES: `scale`
+    a unit along z. HEIGHT: second below, colour above, over ±`scale`. RIM: colour inside, second near the radius. DOTS:
+    second dots, `scale` a unit."""
     scale: float = 1.0
     """Frequency or width of the pattern."""
     grain: float = 0.0

@@ -91,9 +91,7 @@ def cull(
     views: wp.array(dtype=wp.mat44),  # (C,)
     ks: wp.array(dtype=wp.mat33),  # (C,) [px]
     columns: int,
-    ids: wp.array(
-        dtype=wp.int32
-    ),  # (C * tiles * 2 n,) two lists for every tile: what its rays may meet, what may shadow that
+    ids: wp.array(dtype=wp.int32),  # (C * tiles * 2 n,) two lists a tile: what its rays may meet, what may shadow that
     spans: wp.array2d(dtype=wp.vec4),  # (C, tiles) lengths of the lists, nearest and farthest distance along the rays
 ):
     """List for every tile the primitives that the cone of its rays may meet, and those close enough to occlude them."""
