@@ -38,7 +38,7 @@ MAY_IMPORT = {
     "__init__": set(),
     "__main__": {"cli"},
 }
-"""``artifact`` and ``losses`` know no physics, ``material`` knows no simulation, and ``pipeline`` knows no stage: stages
+"""``artifact`` and ``losses`` know no physics, ``material`` knows no simulation, and ``pipeline`` knows no stage: they
 meet in the configuration."""
 
 HEAVY = {
