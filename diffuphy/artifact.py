@@ -110,6 +110,14 @@ def _peak_megabytes(reset: bool = False) -> float:
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
+def _stored_digest(directory: Path) -> str | None:
+    """What ``meta.json`` says; None if it cannot be read."""
+    try:
+        return json.loads((directory / "meta.json").read_text(encoding="utf-8"))["digest"]
+    except (ValueError, KeyError, TypeError):
+        return None
+
+
 class Store:
     """The folder that holds every result.
 
@@ -145,8 +153,8 @@ class Store:
     def verified_digest(self, directory: Path) -> str:
         """Digest of a stored result, checked once against the one it was stored with."""
         if directory not in self._digests:
-            meta = json.loads((directory / "meta.json").read_text(encoding="utf-8"))
-            if (found := digest(directory)) != meta["digest"]:
+            found = digest(directory)
+            if found != _stored_digest(directory):
                 raise ValueError(
                     f"the stored result {directory} is damaged; delete this one folder to compute it again"
                 )

@@ -169,6 +169,14 @@ def test_damaged_result_is_an_error(tmp_path):
         run(tmp_path, line())
 
 
+@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"digest": "0"}'])
+def test_damaged_record_of_a_result_is_an_error(tmp_path, text):
+    path = run(tmp_path, line())[0].path
+    (path / "meta.json").write_text(text)
+    with pytest.raises(ValueError, match="is damaged; delete this one folder"):
+        run(tmp_path, line())
+
+
 def test_unknown_stage_names_the_known_ones(tmp_path):
     with pytest.raises(ValueError, match="say, lower, count"):
         run(tmp_path, line(), until="video")
