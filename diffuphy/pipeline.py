@@ -44,9 +44,8 @@ def run(
     force = list(force or [])
     first = stages(components)
     check_names(first, (until, *force))
-    store.run(first, "prompt", force=[f for f in force if f == "prompt"])
-    prompt_path = store.look_up(first)["prompt"]
-    plan = make_plan(components, Prompt.load(prompt_path))
+    (prompt,) = store.run(first, "prompt", force=[f for f in force if f == "prompt"])
+    plan = make_plan(components, Prompt.load(prompt.path))
     table = stages(plan.components)
     cached = store.look_up(table)
     plan = Plan(plan.components, (*stage_lines(table, cached, until, force), *plan.lines))
@@ -54,7 +53,7 @@ def run(
     if run_dir is not None:
         run_dir.mkdir(parents=True, exist_ok=True)
         plan.save(run_dir / "plan.json")
-    done = store.run(table, until, force=[f for f in force if f != "prompt"])
+    done = [prompt, *store.run(table, until, force=[f for f in force if f != "prompt"])[1:]]
     if run_dir is not None:
         for number, d in enumerate(done, 1):
             _link(run_dir / f"{number}_{d.name}", d.path)
