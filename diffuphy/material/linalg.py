@@ -110,6 +110,11 @@ def build(real: Any) -> LinalgFunctions:
         return c, t * c
 
     @wp.func(module="unique")
+    def turned(a: vec3, b: vec3, c: real, s: real):
+        """A pair of columns after that rotation."""
+        return c * a - s * b, s * a + c * b
+
+    @wp.func(module="unique")
     def orthogonal(a: vec3, b: vec3, ab: real) -> bool:
         return ab * ab <= slack * (wp.dot(a, a) * wp.dot(b, b))
 
@@ -129,38 +134,24 @@ def build(real: Any) -> LinalgFunctions:
         x2 = F * y2
         # the close pair first, by any angle
         c, s = rotation(wp.dot(x1, x1), wp.dot(x2, x2), wp.dot(x1, x2))
-        b1 = c * x1 - s * x2
-        b2 = s * x1 + c * x2
-        v1 = c * y1 - s * y2
-        v2 = s * y1 + c * y2
+        b1, b2 = turned(x1, x2, c, s)
+        v1, v2 = turned(y1, y2, c, s)
         # then one sweep against what rounding left; seldom needed below a condition number of 10
         ab = wp.dot(b0, b1)
         if not orthogonal(b0, b1, ab):
             c, s = rotation(wp.dot(b0, b0), wp.dot(b1, b1), ab)
-            x1 = b0
-            b0 = c * x1 - s * b1
-            b1 = s * x1 + c * b1
-            y1 = v0
-            v0 = c * y1 - s * v1
-            v1 = s * y1 + c * v1
+            b0, b1 = turned(b0, b1, c, s)
+            v0, v1 = turned(v0, v1, c, s)
         ab = wp.dot(b0, b2)
         if not orthogonal(b0, b2, ab):
             c, s = rotation(wp.dot(b0, b0), wp.dot(b2, b2), ab)
-            x1 = b0
-            b0 = c * x1 - s * b2
-            b2 = s * x1 + c * b2
-            y1 = v0
-            v0 = c * y1 - s * v2
-            v2 = s * y1 + c * v2
+            b0, b2 = turned(b0, b2, c, s)
+            v0, v2 = turned(v0, v2, c, s)
         ab = wp.dot(b1, b2)
         if not orthogonal(b1, b2, ab):
             c, s = rotation(wp.dot(b1, b1), wp.dot(b2, b2), ab)
-            x1 = b1
-            b1 = c * x1 - s * b2
-            b2 = s * x1 + c * b2
-            y1 = v1
-            v1 = c * y1 - s * v2
-            v2 = s * y1 + c * v2
+            b1, b2 = turned(b1, b2, c, s)
+            v1, v2 = turned(v1, v2, c, s)
         return (
             wp.matrix_from_cols(b0, b1, b2),
             wp.matrix_from_cols(v0, v1, v2),
