@@ -14,7 +14,7 @@ import sys
 import unicodedata
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
@@ -22,7 +22,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
-from diffuphy.quoting import FREE_TEXT, protect
+from diffuphy.quoting import FREE_TEXT, literal, protect
 
 if TYPE_CHECKING:
     from diffuphy.artifact import Done
@@ -63,22 +63,36 @@ class Console(logging.StreamHandler):
 def film(cfg: DictConfig) -> None:
     """Build the components and run the pipeline; the one place where settings become objects."""
     folder = Path(HydraConfig.get().runtime.output_dir)
-    from hydra.utils import instantiate
-
     from diffuphy import pipeline
     from diffuphy.artifact import Store
     from diffuphy.export import export
     from diffuphy.settings import check
 
-    check(OmegaConf.to_container(cfg, resolve=True))  # type: ignore[arg-type]
+    settings = OmegaConf.to_container(cfg, resolve=True)
+    assert isinstance(settings, dict)
+    check(settings)
     cfg.device = device(cfg.device)
     set_threads(cfg.threads)
     force = [cfg.force] if isinstance(cfg.force, str) else list(cfg.force)
-    components = instantiate(cfg.stages, _convert_="all")
+    components = make(settings["stages"])
     store = Store(Path(cfg.store), device=cfg.device, interval=cfg.checkpoint_seconds)
     done, plan = pipeline.run(components, store=store, until=cfg.until, force=force, run_dir=folder)
     files = export(folder, done, plan, title=cfg.prompt, settings=OmegaConf.to_yaml(cfg, resolve=False))
     log.info("%s", conclusion(done, files, HydraConfig.get().overrides.task))
+
+
+def make(stages: dict[str, Any]) -> dict[str, Any]:
+    """The component of each stage, from resolved settings. Hydra reads a text twice, so it is made literal twice."""
+    from hydra.utils import instantiate
+
+    def twice(node: Any) -> Any:
+        if isinstance(node, dict):
+            return {key: twice(value) for key, value in node.items()}
+        if isinstance(node, list):
+            return [twice(value) for value in node]
+        return literal(literal(node)) if isinstance(node, str) else node
+
+    return instantiate(OmegaConf.create({"stages": twice(stages)}).stages, _convert_="all")
 
 
 def conclusion(done: Sequence["Done"], files: dict[str, Path], overrides: Sequence[str]) -> str:

@@ -46,8 +46,12 @@ def quote(text: str) -> str:
     Two readers stand behind each other. OmegaConf would replace ``${``, so that gets a backslash, and backslashes
     before it are doubled; Hydra would end the string at an apostrophe, which its own ``QuotedString`` takes care of.
     """
-    literal = INTERPOLATION.sub(lambda m: m[1] * 2 + "\\${", text)
-    return QuotedString(literal, Quote.single).with_quotes()
+    return QuotedString(literal(text), Quote.single).with_quotes()
+
+
+def literal(text: str) -> str:
+    """``text`` as OmegaConf reads it back: an interpolation in it is none."""
+    return INTERPOLATION.sub(lambda m: m[1] * 2 + "\\${", text)
 
 
 def split(value: str) -> list[str]:

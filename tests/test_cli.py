@@ -188,6 +188,15 @@ def test_film_hands_components_to_the_pipeline(conf, monkeypatch, tmp_path):
     }
 
 
+@pytest.mark.parametrize(
+    "text", ["a ${x}", "\\${x}", "\\\\${prompt} \\ ${", "${", "$${x}", "a\\", "\\\\\\${seed}", "果冻, it's"]
+)
+def test_a_component_gets_the_words_as_they_are(text):
+    """However dollars and backslashes stand in them."""
+    (made,) = cli.make({"prompt": {"_target_": "collections.UserString", "_args_": [text]}}).values()
+    assert made == text
+
+
 def test_missing_extra_is_named(conf, monkeypatch, capsys):
     failing(monkeypatch, ModuleNotFoundError("No module named 'gsplat'", name="gsplat"))
     assert main(["prompt=a ball"]) == 2
