@@ -52,7 +52,7 @@ def measure(case: str, n: int, dtype: torch.dtype, repeat: int) -> dict[str, flo
     mixture = make_mixture(elastic, plastic, REAL[dtype])
     matter = make_matter(field, vol, mixture.params, dtype)
     solver = Solver(mixture, scene.boundaries, scene.gravity, dtype, "cpu")
-    state = initial_state(scene, x, matter.m, mixture.is_plastic, 0.1 * torch.sin(10 * x))
+    state = initial_state(scene, x, matter.m, mixture, 0.1 * torch.sin(10 * x))
     span, _ = _span(scene, state, torch.full((n,), 11.6), None)
     span = dataclasses.replace(span, n_sub=N_SUB)
     forward, backward, kept_backward = [], [], []
@@ -62,7 +62,7 @@ def measure(case: str, n: int, dtype: torch.dtype, repeat: int) -> dict[str, flo
         forward.append(time.process_time() - begin)
         *_, kept = solver.advance(state, matter, span, keep=True)
         for times, source in ((backward, None), (kept_backward, kept)):
-            parts = (state.x, state.v, state.C, state.He, state.H)
+            parts = (state.x, state.v, state.C, state.He, state.H, state.log_J)
             bars = State(*(None if t is None else torch.ones_like(t) for t in parts))
             begin = time.process_time()
             solver.advance_adjoint(state, matter, span, bars, (True, True, True, True), kept=source)

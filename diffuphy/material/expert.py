@@ -89,13 +89,14 @@ class PlasticFunctions:
     """Warp functions of one plastic law; n = |ê|, tr = Σ e_i of the trial state.
 
     A return map keeps the principal frame and is given by two scalars: ln z_i = m + k ê_i. They are written as what
-    flows, a = 1 − k and b = m − tr/3, so that a state that does not flow has a = b = 0 *exactly*.
+    flows, a = 1 − k and b = m − tr/3, so that a state that does not flow has a = b = 0 *exactly*. A law with
+    ``volumetric_memory`` also reads t = ln J, J = det F of the total deformation, as the last argument.
     """
 
     flow: Any
-    """(n, tr, θ, dt) → (a, b)."""
+    """(n, tr, θ, dt) → (a, b), with memory (n, tr, θ, dt, t) → (a, b)."""
     flow_adjoint: Any
-    """(n, tr, θ, dt, ā, b̄) → (n̄, t̄r, θ̄)."""
+    """(n, tr, θ, dt, ā, b̄) → (n̄, t̄r, θ̄), with memory (n, tr, θ, dt, ā, b̄, t) → (n̄, t̄r, θ̄, t̄)."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,10 @@ class Plastic:
     """Parameters the law reads."""
     build: Callable[[Layout], PlasticFunctions]
     """Warp functions for one layout."""
-    flow: Callable[[torch.Tensor, torch.Tensor, dict[str, torch.Tensor], float], tuple[torch.Tensor, torch.Tensor]]
-    """Torch reference: (n, tr, θ by name, dt) → (a, b)."""
+    flow: Callable[..., tuple[torch.Tensor, torch.Tensor]]
+    """Torch reference: (n, tr, θ by name, dt) → (a, b), with memory (n, tr, θ by name, dt, t) → (a, b)."""
     is_identity: bool = False
     """True only for the map that changes nothing."""
+    volumetric_memory: bool = False
+    """Whether the law reads how far the matter has opened since the beginning, t = ln det F of the total deformation;
+    only a simulation with such a law keeps that number."""

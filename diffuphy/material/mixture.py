@@ -29,7 +29,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from . import linalg, principal
+from . import linalg, principal, sums
 from .elastic import ELASTIC
 from .expert import Layout
 from .plastic import PLASTIC
@@ -49,6 +49,8 @@ class Mixture:
     """False if every law has a direct form: then no principal frame is computed."""
     plastic: bool
     """False if nothing can flow: then Fe is F_trial itself."""
+    volumetric_memory: bool
+    """True if a law reads t = ln det F of the total deformation: then, and only then, t is an argument below."""
     real: Any
     vec3: Any
     mat33: Any
@@ -59,9 +61,9 @@ class Mixture:
     theta_t: Any
     """Vector type of θ."""
     stress: Any
-    """(F_trial, w_e, w_p, θ, dt) → (τ [Pa], Fe)."""
+    """(F_trial, w_e, w_p, θ, dt[, t]) → (τ [Pa], Fe)."""
     stress_adjoint: Any
-    """(F_trial, w_e, w_p, θ, dt, τ̄, F̄e) → (F̄_trial, w̄_e, w̄_p, θ̄); τ̄ need not be symmetric."""
+    """(F_trial, w_e, w_p, θ, dt, τ̄, F̄e[, t]) → (F̄_trial, w̄_e, w̄_p, θ̄[, t̄]); τ̄ need not be symmetric."""
     energy: Any
     """(Fe, w_e, θ) → ψ [Pa], energy per unit rest volume."""
     valid: Any
@@ -108,20 +110,26 @@ def make_mixture(elastic: tuple[str, ...], plastic: tuple[str, ...] = ("identity
         raise ValueError(f"a mixture needs at least one elastic law; known: {', '.join(ELASTIC)}")
     laws_e, laws_p = _known(elastic, ELASTIC, "elastic"), _known(plastic, PLASTIC, "plastic")
     is_plastic = any(not law.is_identity for law in laws_p)
+    memory = any(law.volumetric_memory for law in laws_p)
     params = tuple(dict.fromkeys(p.name for law in (*laws_e, *laws_p) for p in law.params))
     layout = Layout(real, params)
     w_e_t, w_p_t = (wp.types.vector(max(1, len(k)), real) for k in (elastic, plastic))
     decomposes = is_plastic or not all(law.is_direct for law in laws_e)
     fe, fp = tuple(law.build(layout) for law in laws_e), tuple(law.build(layout) for law in laws_p)
-    total = principal.sum_elastic(layout, fe, w_e_t)
+    total = sums.sum_elastic(layout, fe, w_e_t)
     if is_plastic:
-        stress, adjoint = principal.elastoplastic(layout, total, principal.sum_plastic(layout, fp, w_p_t), w_e_t, w_p_t)
+        if memory:
+            forms = zip(fp, laws_p, strict=True)
+            fp = tuple(f if law.volumetric_memory else sums.remembering(layout, f) for f, law in forms)
+        flows = (sums.sum_memory if memory else sums.sum_plastic)(layout, fp, w_p_t)
+        stress, adjoint = principal.elastoplastic(layout, total, flows, w_e_t, w_p_t, memory)
     elif decomposes:
         stress, adjoint = principal.elastic(layout, total, w_e_t, w_p_t)
     else:
         stress, adjoint = _direct(layout, fe, w_e_t, w_p_t)
     return Mixture(
-        elastic, plastic, params, decomposes, is_plastic, real, layout.vec3, layout.mat33, w_e_t, w_p_t, layout.theta_t,
+        elastic, plastic, params, decomposes, is_plastic, memory, real,
+        layout.vec3, layout.mat33, w_e_t, w_p_t, layout.theta_t,
         stress, adjoint, principal.energy(layout, total, w_e_t), linalg.build(real).valid,
     )  # fmt: skip
 

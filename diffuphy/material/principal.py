@@ -1,115 +1,12 @@
 """Stress, return map and their adjoint in the shared principal frame; the formulas are in :mod:`.mixture`."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import warp as wp
 
 from . import linalg
 from .expert import Layout, PlasticFunctions
-
-
-@dataclass(frozen=True)
-class ElasticSum:
-    """Σ_c w_c of the principal functions; the adjoint also gives w̄."""
-
-    energy: Any
-    stress: Any
-    stress_adjoint: Any
-    slope: Any
-
-
-def sum_elastic(layout: Layout, laws: tuple[Any, ...], w_t: Any) -> ElasticSum:
-    real, vec3, theta_t = layout.real, layout.vec3, layout.theta_t
-    K = len(laws)
-
-    @wp.func(module="unique")
-    def energy(s: vec3, e: vec3, w: w_t, theta: theta_t) -> real:
-        if wp.static(K == 1):
-            return wp.static(laws[0].energy)(s, e, theta)
-        else:
-            psi = real(0.0)
-            for c in range(wp.static(K)):
-                psi += w[c] * wp.static(laws[c].energy)(s, e, theta)
-            return psi
-
-    @wp.func(module="unique")
-    def stress(s: vec3, e: vec3, w: w_t, theta: theta_t) -> vec3:
-        if wp.static(K == 1):
-            return wp.static(laws[0].stress)(s, e, theta)
-        else:
-            T = vec3()
-            for c in range(wp.static(K)):
-                T += w[c] * wp.static(laws[c].stress)(s, e, theta)
-            return T
-
-    @wp.func(module="unique")
-    def stress_adjoint(s: vec3, e: vec3, w: w_t, theta: theta_t, T_bar: vec3):
-        w_bar = w_t()
-        if wp.static(K == 1):
-            e_1, theta_1 = wp.static(laws[0].stress_adjoint)(s, e, theta, T_bar)
-            return e_1, w_bar, theta_1
-        else:
-            e_bar = vec3()
-            theta_bar = theta_t()
-            for c in range(wp.static(K)):
-                w_bar[c] = wp.dot(T_bar, wp.static(laws[c].stress)(s, e, theta))
-                e_c, theta_c = wp.static(laws[c].stress_adjoint)(s, e, theta, T_bar)
-                e_bar += w[c] * e_c
-                theta_bar += w[c] * theta_c
-            return e_bar, w_bar, theta_bar
-
-    @wp.func(module="unique")
-    def slope(s: vec3, e: vec3, w: w_t, theta: theta_t) -> vec3:
-        if wp.static(K == 1):
-            return wp.static(laws[0].slope)(s, e, theta)
-        else:
-            d = vec3()
-            for c in range(wp.static(K)):
-                d += w[c] * wp.static(laws[c].slope)(s, e, theta)
-            return d
-
-    return ElasticSum(energy, stress, stress_adjoint, slope)
-
-
-def sum_plastic(layout: Layout, laws: tuple[Any, ...], w_t: Any) -> PlasticFunctions:
-    real, theta_t = layout.real, layout.theta_t
-    K = len(laws)
-
-    @wp.func(module="unique")
-    def flow(n: real, tr: real, w: w_t, theta: theta_t, dt: real):
-        if wp.static(K == 1):
-            a_1, b_1 = wp.static(laws[0].flow)(n, tr, theta, dt)
-            return a_1, b_1
-        else:
-            a = real(0.0)
-            b = real(0.0)
-            for c in range(wp.static(K)):
-                a_c, b_c = wp.static(laws[c].flow)(n, tr, theta, dt)
-                a += w[c] * a_c
-                b += w[c] * b_c
-            return a, b
-
-    @wp.func(module="unique")
-    def flow_adjoint(n: real, tr: real, w: w_t, theta: theta_t, dt: real, a_bar: real, b_bar: real):
-        w_bar = w_t()
-        if wp.static(K == 1):
-            n_1, tr_1, theta_1 = wp.static(laws[0].flow_adjoint)(n, tr, theta, dt, a_bar, b_bar)
-            return n_1, tr_1, w_bar, theta_1
-        else:
-            n_bar = real(0.0)
-            tr_bar = real(0.0)
-            theta_bar = theta_t()
-            for c in range(wp.static(K)):
-                a_c, b_c = wp.static(laws[c].flow)(n, tr, theta, dt)
-                w_bar[c] = a_bar * a_c + b_bar * b_c
-                n_c, tr_c, theta_c = wp.static(laws[c].flow_adjoint)(n, tr, theta, dt, w[c] * a_bar, w[c] * b_bar)
-                n_bar += n_c
-                tr_bar += tr_c
-                theta_bar += theta_c
-            return n_bar, tr_bar, w_bar, theta_bar
-
-    return PlasticFunctions(flow, flow_adjoint)
+from .sums import ElasticSum
 
 
 def energy(layout: Layout, total: ElasticSum, w_e_t: Any) -> Any:
@@ -155,11 +52,12 @@ def elastic(layout: Layout, total: ElasticSum, w_e_t: Any, w_p_t: Any) -> tuple[
 
 
 def elastoplastic(
-    layout: Layout, total: ElasticSum, plastic: PlasticFunctions, w_e_t: Any, w_p_t: Any
+    layout: Layout, total: ElasticSum, plastic: PlasticFunctions, w_e_t: Any, w_p_t: Any, memory: bool
 ) -> tuple[Any, Any]:
-    """Stress and adjoint with a return map."""
+    """Stress and adjoint with a return map; only with memory they read t, and the adjoint gives t̄."""
     real, vec3, mat33, theta_t = layout.real, layout.vec3, layout.mat33, layout.theta_t
     la = linalg.build(real)
+    nothing = real(0.0)
     near = real(0.25 if real is wp.float32 else 0.02)  # the next term of the series in pair, l⁶/30000, is below one ulp
 
     @wp.func(module="unique")
@@ -171,10 +69,13 @@ def elastoplastic(
         return tr, dev, wp.length(dev)
 
     @wp.func(module="unique")
-    def stress(F: mat33, w_e: w_e_t, w_p: w_p_t, theta: theta_t, dt: real):
+    def stress(F: mat33, w_e: w_e_t, w_p: w_p_t, theta: theta_t, dt: real, t: real = nothing):
         B, V, s, e = la.principal(F)
         tr, dev, n = split(e)
-        a, b = plastic.flow(n, tr, w_p, theta, dt)
+        if wp.static(memory):
+            a, b = plastic.flow(n, tr, w_p, theta, dt, t)
+        else:
+            a, b = plastic.flow(n, tr, w_p, theta, dt)
         Fe = F
         z = s
         h = e
@@ -206,10 +107,15 @@ def elastoplastic(
         return sym + skew + q * s_j, sym - skew + q * s_i
 
     @wp.func(module="unique")
-    def stress_adjoint(F: mat33, w_e: w_e_t, w_p: w_p_t, theta: theta_t, dt: real, tau_bar: mat33, Fe_bar: mat33):
+    def stress_adjoint(
+        F: mat33, w_e: w_e_t, w_p: w_p_t, theta: theta_t, dt: real, tau_bar: mat33, Fe_bar: mat33, t: real = nothing
+    ):
         B, V, s, e = la.principal(F)
         tr, dev, n = split(e)
-        a, b = plastic.flow(n, tr, w_p, theta, dt)
+        if wp.static(memory):
+            a, b = plastic.flow(n, tr, w_p, theta, dt, t)
+        else:
+            a, b = plastic.flow(n, tr, w_p, theta, dt)
         h = e
         z = s
         if a != real(0.0) or b != real(0.0):
@@ -222,11 +128,15 @@ def elastoplastic(
         h_bar, w_e_bar, theta_bar = total.stress_adjoint(z, h, w_e, theta, real(0.5) * wp.get_diag(G))
         h_bar += wp.cw_mul(wp.get_diag(H), z)
         sum = h_bar[0] + h_bar[1] + h_bar[2]
-        n_bar, tr_bar, w_p_bar, theta_p = plastic.flow_adjoint(n, tr, w_p, theta, dt, -wp.dot(h_bar, dev), sum)
+        a_bar = -wp.dot(h_bar, dev)
+        if wp.static(memory):
+            n_bar, tr_bar, w_p_bar, theta_p, t_bar = plastic.flow_adjoint(n, tr, w_p, theta, dt, a_bar, sum, t)
+        else:
+            n_bar, tr_bar, w_p_bar, theta_p = plastic.flow_adjoint(n, tr, w_p, theta, dt, a_bar, sum)
         # ē = (1 − a) h̄ + (a tr h̄/3 + t̄r) + n̄ ê/n
         k = real(1.0) - a
-        t = a * sum / real(3.0) + tr_bar
-        e_bar = k * h_bar + vec3(t, t, t)
+        mean = a * sum / real(3.0) + tr_bar
+        e_bar = k * h_bar + vec3(mean, mean, mean)
         if n > real(0.0):
             e_bar += (n_bar / n) * dev
         d = total.slope(z, h, w_e, theta)
@@ -238,6 +148,9 @@ def elastoplastic(
             x10, e_bar[1] / s[1] - H[1, 1], x12,
             x20, x21, e_bar[2] / s[2] - H[2, 2],
         )  # fmt: skip
-        return Fe_bar + U * X * wp.transpose(V), w_e_bar, w_p_bar, theta_bar + theta_p
+        if wp.static(memory):
+            return Fe_bar + U * X * wp.transpose(V), w_e_bar, w_p_bar, theta_bar + theta_p, t_bar
+        else:
+            return Fe_bar + U * X * wp.transpose(V), w_e_bar, w_p_bar, theta_bar + theta_p
 
     return stress, stress_adjoint

@@ -35,11 +35,15 @@ def energy(F: Tensor, law: str, params: Mapping[str, float | Tensor]) -> Tensor:
     return found.energy(_svd(F)[1].log(), theta)
 
 
-def return_map(F: Tensor, law: str, params: Mapping[str, float | Tensor], dt: float = 0.0) -> Tensor:
+def return_map(
+    F: Tensor, law: str, params: Mapping[str, float | Tensor], dt: float = 0.0, log_J: Tensor | None = None
+) -> Tensor:
     """Elastic deformation after the return map, Fe = U diag(z) Vᵀ with ln z = e + b − a ê, shape (..., 3, 3).
 
     Args:
         dt: time over which a viscous law flows [s].
+        log_J: ln det of the total deformation, shape (...,), for laws with ``volumetric_memory``; None: that of F, of
+            matter that never opened.
 
     Raises as :func:`kirchhoff`.
     """
@@ -48,7 +52,8 @@ def return_map(F: Tensor, law: str, params: Mapping[str, float | Tensor], dt: fl
     e = s.log()
     tr = e.sum(-1)
     dev = e - tr[..., None] / 3
-    a, b = found.flow(dev.norm(dim=-1), tr, theta, dt)
+    memory = ((tr if log_J is None else log_J),) if found.volumetric_memory else ()
+    a, b = found.flow(dev.norm(dim=-1), tr, theta, dt, *memory)
     return (U * torch.exp(e + b[..., None] - a[..., None] * dev)[..., None, :]) @ Vh
 
 

@@ -17,6 +17,7 @@ from typing import Any
 
 import warp as wp
 
+from diffuphy.material import linalg
 from diffuphy.mpm.boundary import Signature, make_contact
 from diffuphy.mpm.kernels import cached, make_kernels, make_spline
 
@@ -42,6 +43,7 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
     stress, stress_adjoint = mixture.stress, mixture.stress_adjoint
     apply, contact_adjoint, velocity, place = contact.apply, contact.adjoint, forward.velocity, forward.place
     plastic, has_walls = mixture.is_plastic, len(walls) > 0
+    memory, cofactor = mixture.volumetric_memory, linalg.build(real).cofactor
     ke, kp = mixture.Ke, mixture.Kp
 
     @wp.func
@@ -92,6 +94,7 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         C_bar: wp.array[mat33],
         He_bar: wp.array[mat33],  # out: of Fe
         H_bar: wp.array[mat33],
+        log_J_bar: wp.array[real],
         grid_bar: wp.array[vec4],  # (nodes,) of the node velocities   out
     ):
         p = wp.tid()
@@ -112,6 +115,9 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
             t_bar = H_bar[p]
             B += dt * (t_bar + t_bar * wp.transpose(H[r]))
             H_bar[p] = t_bar + Lt * t_bar
+        if wp.static(memory):  # d ln det A = A⁻ᵀ : dA, A = I + Δt C
+            A = eye() + dt * C[to + p]
+            B += (dt * log_J_bar[p] / wp.determinant(A)) * cofactor(A)
         B = (real(4.0) * idx) * B  # acts on offsets in cells
         x_next = x_bar[p]
         q3 = v_bar[p] + dt * x_next - B * f
@@ -166,6 +172,7 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         v: wp.array[vec3],
         C: wp.array[mat33],
         He: wp.array[mat33],  # (N,) trial elastic part minus I
+        log_J: wp.array[real],  # (N,) ln det of the total one, only with volumetric memory
         w_e: wp.array[w_e_t],
         w_p: wp.array[w_p_t],
         theta: wp.array[theta_t],
@@ -181,6 +188,7 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         v_bar: wp.array[vec3],
         C_bar: wp.array[mat33],
         He_bar: wp.array[mat33],  # in: of Fe, out: of the trial elastic part
+        log_J_bar: wp.array[real],
         w_e_bar: wp.array[w_e_t],  # summed over substeps; likewise below
         w_p_bar: wp.array[w_p_t],
         theta_bar: wp.array[theta_t],
@@ -205,7 +213,10 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
             w_p_p = w_p[p]
         F = eye() + He[r]
         theta_p = theta[p]
-        tau, _Fe = stress(F, w_e_p, w_p_p, theta_p, dt)
+        if wp.static(memory):
+            tau, _Fe = stress(F, w_e_p, w_p_p, theta_p, dt, log_J[r])
+        else:
+            tau, _Fe = stress(F, w_e_p, w_p_p, theta_p, dt)
         k4 = real(4.0) * dt * vol[p] * idx
         m_p, v_p, C_p = m[p], v[r], C[r]
         A = (m_p * dx) * C_p - k4 * tau
@@ -237,7 +248,12 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         x_bar[p] = x_bar[p] + idx * (along - wp.transpose(A) * S)
         v_bar[p] = m_p * S
         C_bar[p] = (m_p * dx) * A_bar
-        F_bar, we_b, wp_b, th_b = stress_adjoint(F, w_e_p, w_p_p, theta_p, dt, -k4 * A_bar, He_bar[p])
+        tau_bar = -k4 * A_bar
+        if wp.static(memory):
+            F_bar, we_b, wp_b, th_b, t_b = stress_adjoint(F, w_e_p, w_p_p, theta_p, dt, tau_bar, He_bar[p], log_J[r])
+            log_J_bar[p] = log_J_bar[p] + t_b
+        else:
+            F_bar, we_b, wp_b, th_b = stress_adjoint(F, w_e_p, w_p_p, theta_p, dt, tau_bar, He_bar[p])
         He_bar[p] = F_bar
         if need_w_e:
             w_e_bar[p] = w_e_bar[p] + we_b

@@ -59,6 +59,7 @@ def _energy(mixture: Any, state: State, matter: Matter) -> Tensor:
     psi = torch.empty_like(matter.m)
     arrays = (
         (state.He, mixture.mat33),
+        (matter.m if state.log_J is None else state.log_J, real),  # read only with volumetric memory
         (matter.w_e, mixture.w_e_t),
         (matter.w_p, mixture.w_p_t),
         (matter.theta, mixture.theta_t),
@@ -71,16 +72,24 @@ def _energy(mixture: Any, state: State, matter: Matter) -> Tensor:
 
 def _make_energy(mixture: Any, real: type) -> SimpleNamespace:
     mat33, w_e_t, w_p_t, theta_t = mixture.mat33, mixture.w_e_t, mixture.w_p_t, mixture.theta_t
+    memory = mixture.volumetric_memory
     stress, density, eye = mixture.stress, mixture.energy, make_spline(real).eye
 
     @wp.kernel(module="unique", enable_backward=False)
     def energy(
-        He: wp.array[mat33], w_e: wp.array[w_e_t], w_p: wp.array[w_p_t], theta: wp.array[theta_t], psi: wp.array[real]
+        He: wp.array[mat33],
+        log_J: wp.array[real],
+        w_e: wp.array[w_e_t],
+        w_p: wp.array[w_p_t],
+        theta: wp.array[theta_t],
+        psi: wp.array[real],
     ):
         p = wp.tid()
-        _tau, Fe = stress(
-            eye() + He[p], w_e[p], w_p[p], theta[p], real(0.0)
-        )  # in no time only what flows at once has flowed
+        F = eye() + He[p]
+        if wp.static(memory):  # in no time only what flows at once has flowed
+            _tau, Fe = stress(F, w_e[p], w_p[p], theta[p], real(0.0), log_J[p])
+        else:
+            _tau, Fe = stress(F, w_e[p], w_p[p], theta[p], real(0.0))
         psi[p] = density(Fe, w_e[p], theta[p])
 
     return SimpleNamespace(energy=energy)

@@ -5,7 +5,8 @@
                       q_i = Σ_p w_ip [ m_p v_p + (m_p C_p − Δt V_p (4/Δx²) τ_p) (x_i − x_p) ]
     on the grid       v_i = contact(q_i / m_i + Δt g)
     to the particles  v_p = Σ_i w_ip v_i,   C_p = (4/Δx²) Σ_i w_ip v_i (x_i − x_p)ᵀ,
-                      x_p ← x_p + Δt v_p,   H_p ← Fe_p − I + Δt C_p Fe_p
+                      x_p ← x_p + Δt v_p,   H_p ← Fe_p − I + Δt C_p Fe_p,
+                      with volumetric memory ln J_p ← ln J_p + ln det(I + Δt C_p)
 
 Quadratic B-splines, affine transfer (Jiang et al. 2015) with the moving-least-squares force (Hu et al. 2018, eqs.
 16–17), D = Δx²/4.
@@ -105,6 +106,7 @@ def _make_kernels(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
     apply, wall_t = contact.apply, contact.wall_t
     plastic, has_walls = mixture.is_plastic, len(walls) > 0
     stress, ke, kp = mixture.stress, mixture.Ke, mixture.Kp
+    memory = mixture.volumetric_memory
 
     @wp.kernel(module="unique", enable_backward=False)
     def p2g(
@@ -113,6 +115,7 @@ def _make_kernels(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         v: wp.array[vec3],  # (N,) [m/s]
         C: wp.array[mat33],  # (N,) [1/s]
         He: wp.array[mat33],  # (N,) [-]  trial elastic deformation gradient minus I
+        log_J: wp.array[real],  # (N,) [-]  ln det of the total one, only with volumetric memory
         w_e: wp.array[w_e_t],  # (N,) [-]
         w_p: wp.array[w_p_t],  # (N,) [-]
         theta: wp.array[theta_t],  # (N,) SI
@@ -143,7 +146,10 @@ def _make_kernels(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         if wp.static(kp > 1):
             w_p_p = w_p[p]
         F = eye() + He[r]
-        tau, Fe = stress(F, w_e_p, w_p_p, theta[p], dt)
+        if wp.static(memory):
+            tau, Fe = stress(F, w_e_p, w_p_p, theta[p], dt, log_J[r])
+        else:
+            tau, Fe = stress(F, w_e_p, w_p_p, theta[p], dt)
         if wp.static(plastic):
             He_out[p] = He[r] + (Fe - F)  # what does not flow keeps the digits that F rounds away
         m_p = m[p]
@@ -159,6 +165,20 @@ def _make_kernels(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
                 wp.atomic_add(grid, o, (w_ij * wz[0]) * q_ij)
                 wp.atomic_add(grid, o + 1, (w_ij * wz[1]) * (q_ij + a2))
                 wp.atomic_add(grid, o + 2, (w_ij * wz[2]) * (q_ij + real(2.0) * a2))
+
+    @wp.func
+    def log_det(L: mat33):
+        """ln det(I + L) to the digits of L: ln u · y/(u − 1) makes good the rounding of u = 1 + y (Kahan)."""
+        minors = (
+            L[0, 0] * L[1, 1] - L[0, 1] * L[1, 0]
+            + L[1, 1] * L[2, 2] - L[1, 2] * L[2, 1]
+            + L[2, 2] * L[0, 0] - L[2, 0] * L[0, 2]
+        )  # fmt: skip
+        y = wp.trace(L) + minors + wp.determinant(L)
+        u = real(1.0) + y
+        if u == real(1.0):
+            return y
+        return wp.log(u) * (y / (u - real(1.0)))
 
     @wp.func
     def velocity(a: vec4, g_dt: vec3):
@@ -198,6 +218,7 @@ def _make_kernels(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         u: wp.array[vec3],
         He: wp.array[mat33],  # elastic part minus I: with plasticity after flow, one row a particle, else rows as u
         H: wp.array[mat33],  # (N,) [-]  total deformation gradient minus I, only with plasticity
+        log_J: wp.array[real],  # (N,) [-]  its ln det, only with volumetric memory
         grid_v: wp.array[vec4],
         low: vec3,
         dx: real,
@@ -210,6 +231,7 @@ def _make_kernels(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         C_out: wp.array[mat33],
         He_out: wp.array[mat33],
         H_out: wp.array[mat33],
+        log_J_out: wp.array[real],
         status: wp.array[wp.int32],
     ):
         p = wp.tid()
@@ -255,6 +277,8 @@ def _make_kernels(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         if wp.static(plastic):
             H_p = H[r]
             H_out[t] = H_p + L + L * H_p
+        if wp.static(memory):
+            log_J_out[t] = log_J[r] + log_det(L)
 
     return SimpleNamespace(
         p2g=p2g, grid_update=grid_update, g2p=g2p, velocity=velocity, place=place,

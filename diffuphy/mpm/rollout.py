@@ -65,13 +65,13 @@ class Frame(torch.autograd.Function):
     @staticmethod
     def forward(
         ctx: Any, solver: Solver, span: Span, replay: dict[str, Any], end: State, vol: Tensor,
-        x: Tensor, v: Tensor, C: Tensor, He: Tensor, H: Tensor | None,
+        x: Tensor, v: Tensor, C: Tensor, He: Tensor, H: Tensor | None, log_J: Tensor | None,
         w_e: Tensor, w_p: Tensor, theta: Tensor, m: Tensor,
     ) -> tuple[Tensor | None, ...]:  # fmt: skip
         """Hand out ``end``, which the solver made from the other arguments."""
         ctx.solver, ctx.span, ctx.replay = solver, span, replay
-        ctx.save_for_backward(x, v, C, He, H, w_e, w_p, theta, m, vol)
-        return end.x, end.v, end.C, end.He, end.H
+        ctx.save_for_backward(x, v, C, He, H, log_J, w_e, w_p, theta, m, vol)
+        return end.x, end.v, end.C, end.He, end.H, end.log_J
 
     @staticmethod
     def backward(ctx: Any, *grads: Tensor | None) -> tuple[Any, ...]:
@@ -82,10 +82,10 @@ class Frame(torch.autograd.Function):
             Matter(w_e, w_p, theta, m, vol),
             ctx.span,
             State(*bars),
-            ctx.needs_input_grad[10:14],
+            ctx.needs_input_grad[11:15],
             **ctx.replay,
         )
-        return (None, None, None, None, None, start.x, start.v, start.C, start.He, start.H, *matter)
+        return (None, None, None, None, None, start.x, start.v, start.C, start.He, start.H, start.log_J, *matter)
 
 
 def _bar(t: Tensor | None, grad: Tensor | None) -> Tensor | None:
@@ -168,13 +168,17 @@ def simulate(
             scene,
             x if grad else x.detach(),
             matter.m,
-            mixture.is_plastic,
+            mixture,
             velocity if grad or velocity is None else velocity.detach(),
         )
     elif bool((bad := torch.linalg.det(state.He.detach() + torch.eye(3).to(state.He)) <= 0).any()):
         raise ValueError(
             f"det F of particle {int(bad.nonzero()[0])} is not positive in the state to go on from; a body cannot be "
             "inside out"
+        )
+    elif mixture.volumetric_memory and state.log_J is None:
+        raise ValueError(
+            f"the laws {field.plastic} read ln J, and the state to go on from has none; start from one of theirs"
         )
     yield state
     for frame in range(scene.frames if frames is None else frames):
@@ -193,7 +197,7 @@ def simulate(
 
 def _node(solver: Solver, span: Span, replay: dict[str, Any], end: State, start: State, matter: Matter) -> State:
     """``end`` as a function of ``start`` and ``matter``, if anything there wants a gradient."""
-    parts = (start.x, start.v, start.C, start.He, start.H, matter.w_e, matter.w_p, matter.theta, matter.m)
+    parts = (start.x, start.v, start.C, start.He, start.H, start.log_J, matter.w_e, matter.w_p, matter.theta, matter.m)
     if not any(t is not None and t.requires_grad for t in parts):
         return end
     parts = tuple(None if t is None else t.contiguous() for t in parts)

@@ -69,8 +69,8 @@ class Solver:
             else:
                 for substep in substeps:
                     substep(0, 0)
-            u, v, C, He, *H = work.take(span.n_sub) if keep else work.parts()
-            end = State(state.x.detach() + u, v, C, He, H[0] if H else None, span.end)
+            u, v, C, He, *more = work.take(span.n_sub) if keep else work.parts()
+            end = State(state.x.detach() + u, v, C, He, *more, *(None,) * (2 - len(more)), span.end)
             return end, status.tolist(), work if keep else None
 
     def _forward(
@@ -83,11 +83,15 @@ class Solver:
         a, mat, row = work.arrays, args.matter(matter), args.rows(span)
         He_out = a.He if flowed is None else view(flowed, k.mat33, self.device)
         st = wp.from_torch(status)
-        p2g = args.record(k.p2g, work.n, [a.X, a.u, a.v, a.C, a.He, *mat, low, dx, dt, n, 0, grid, He_out, st])
+        now = [a.X, a.u, a.v, a.C, a.He, a.log_J]
+        p2g = args.record(k.p2g, work.n, [*now, *mat, low, dx, dt, n, 0, grid, He_out, st])
         grid_update = args.record(k.grid_update, span.grid.nodes, [grid, row, 0, args.kick(span), dx, n, grid_v])
         g2p = args.record(
             k.g2p, work.n,
-            [a.X, a.u, He_out if plastic else a.He, a.H, grid_v, low, dx, dt, n, 0, 0, a.u, a.v, a.C, a.He, a.H, st],
+            [
+                a.X, a.u, He_out if plastic else a.He, a.H, a.log_J, grid_v, low, dx, dt, n, 0, 0,
+                a.u, a.v, a.C, a.He, a.H, a.log_J, st,
+            ],
         )  # fmt: skip
         gather = None if sums is None else self._gather(work, mat[3], span, grid, row, sums)
 
@@ -160,7 +164,10 @@ class Solver:
             needs: which of w_e, w_p, θ, m want one.
             kept: what ``advance`` kept; then nothing is run again.
         """
-        per_state = state.x.shape[0] * (33 if self.mixture.is_plastic else 24) * state.x.element_size()
+        per_state = sum(
+            t[0].numel() for t in (state.x, state.v, state.C, state.He, state.H, state.log_J) if t is not None
+        )
+        per_state *= state.x.shape[0] * state.x.element_size()
         if segment is None:
             fits = (span.n_sub + 1) * per_state <= SEGMENT_BYTES
             segment = span.n_sub if fits else max(1, round(span.n_sub**0.5))
@@ -211,20 +218,21 @@ class Solver:
         status = wp.zeros(3, dtype=wp.int32, device=str(self.device))
         pairs = ((bars.x, k.vec3), (bars.v, k.vec3), (bars.C, k.mat33), (bars.He, k.mat33))
         b = [view(t, d, self.device) for t, d in pairs]
-        H_bar = view(bars.H, k.mat33, self.device)
+        H_bar, log_J_bar = view(bars.H, k.mat33, self.device), view(bars.log_J, self.real, self.device)
         mb = [
             view(t, d, self.device)
             for t, d in zip(matter_bars, (mix.w_e_t, mix.w_p_t, mix.theta_t, self.real), strict=True)
         ]
         N, nodes = work.n, span.grid.nodes
-        p2g = args.record(k.p2g, N, [a.X, a.u, a.v, a.C, a.He, *mat, low, dx, dt, n, 0, grid, scratch, status])
+        now = [a.X, a.u, a.v, a.C, a.He, a.log_J]
+        p2g = args.record(k.p2g, N, [*now, *mat, low, dx, dt, n, 0, grid, scratch, status])
         again = args.record(adj.grid_again, nodes, [grid, row, 0, kick, dx, n, grid_v, grid_bar])
         g2p = args.record(
-            adj.g2p_adjoint, N, [a.X, a.u, He, a.H, a.C, grid_v, low, dx, dt, n, 0, 0, *b, H_bar, grid_bar]
+            adj.g2p_adjoint, N, [a.X, a.u, He, a.H, a.C, grid_v, low, dx, dt, n, 0, 0, *b, H_bar, log_J_bar, grid_bar]
         )
         grid_adjoint = args.record(adj.grid_adjoint, nodes, [grid, row, 0, kick, dx, n, grid_bar])
         p2g_adjoint = args.record(
-            adj.p2g_adjoint, N, [a.X, a.u, a.v, a.C, a.He, *mat, low, dx, dt, n, 0, grid_bar, *b, *mb, *needs]
+            adj.p2g_adjoint, N, [*now, *mat, low, dx, dt, n, 0, grid_bar, *b, log_J_bar, *mb, *needs]
         )
 
         def step(s: int, at: int, to: int) -> None:

@@ -32,6 +32,9 @@ class State:
     """Trial elastic deformation gradient minus the identity, shape (N, 3, 3)."""
     H: Tensor | None
     """Total deformation gradient minus the identity, shape (N, 3, 3); None when nothing flows: it is ``He`` then."""
+    log_J: Tensor | None = None
+    """ln det of the total deformation gradient, shape (N,), summed from its increments, since det F has no digits left
+    after much shear; None unless a law has volumetric memory."""
     time: float = 0.0
     """Time since the beginning [s]."""
 
@@ -91,6 +94,7 @@ class Rows:
         self.u = rows_of(torch.zeros_like(state.x))
         self.v, self.C, self.He = rows_of(state.v), rows_of(state.C), rows_of(state.He)
         self.H = None if state.H is None else rows_of(state.H)
+        self.log_J = None if state.log_J is None else rows_of(state.log_J)
         k, X = kernels, state.x.detach().contiguous()
         types = {
             "X": (X, k.vec3),
@@ -99,11 +103,12 @@ class Rows:
             "C": (self.C, k.mat33),
             "He": (self.He, k.mat33),
             "H": (self.H, k.mat33),
+            "log_J": (self.log_J, k.real),
         }
         self.arrays = SimpleNamespace(**{name: view(t, d, X.device) for name, (t, d) in types.items()})
 
     def parts(self) -> list[Tensor]:
-        return [t for t in (self.u, self.v, self.C, self.He, self.H) if t is not None]
+        return [t for t in (self.u, self.v, self.C, self.He, self.H, self.log_J) if t is not None]
 
     def take(self, slot: int) -> list[Tensor]:
         """A copy of one slot."""
@@ -171,7 +176,7 @@ def make_matter(
     return Matter(*(t.contiguous() for t in parts), vol.contiguous())
 
 
-def initial_state(scene: Scene, x: Tensor, m: Tensor, plastic: bool, velocity: Tensor | None = None) -> State:
+def initial_state(scene: Scene, x: Tensor, m: Tensor, mixture: Any, velocity: Tensor | None = None) -> State:
     """Particles lifted to their height and set in motion: v = V + ω × (x − x_cm), C = [ω]×, F = I."""
     if scene.lift is not None:
         up = torch.zeros_like(x[0].detach())
@@ -183,7 +188,14 @@ def initial_state(scene: Scene, x: Tensor, m: Tensor, plastic: bool, velocity: T
     C = x.new_zeros(len(x), 3, 3)
     C[:] = x.new_tensor([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
     H = x.new_zeros(len(x), 3, 3)
-    return State(x, v if velocity is None else v + velocity.to(x), C, H, H.clone() if plastic else None)
+    return State(
+        x,
+        v if velocity is None else v + velocity.to(x),
+        C,
+        H,
+        H.clone() if mixture.is_plastic else None,
+        x.new_zeros(len(x)) if mixture.volumetric_memory else None,
+    )
 
 
 def stretches(H: Tensor) -> tuple[Tensor, Tensor]:

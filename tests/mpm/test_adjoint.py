@@ -29,6 +29,7 @@ SCENE = Scene(
 )
 LAWS = {
     "elastic": (("neo_hookean",), ("identity",)),
+    "grains": (("hencky",), ("drucker_prager",)),
     "mixture": (("neo_hookean", "hencky"), ("identity", "von_mises", "drucker_prager")),
 }
 
@@ -43,8 +44,10 @@ def problem(laws: str):
     inputs = {"x": x, "velocity": 0.2 * torch.randn_like(x), "rho": uneven(f.rho)} | {
         k: uneven(f.theta[k]) for k in ("E", "nu")
     }
+    if laws != "elastic":
+        inputs |= {k: uneven(f.theta[k]) for k in ("friction_angle", "cohesion")}
     if laws == "mixture":
-        inputs |= {k: uneven(f.theta[k]) for k in ("yield_stress", "friction_angle", "cohesion")}
+        inputs["yield_stress"] = uneven(f.theta["yield_stress"])
         inputs |= {k: torch.softmax(torch.randn_like(w), 1) for k, w in (("w_e", f.w_e), ("w_p", f.w_p))}
     return inputs, vol, f
 
