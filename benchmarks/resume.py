@@ -85,8 +85,12 @@ def within(spans: list[tuple[str | None, float]], at: float) -> tuple[str | None
     return spans[-1][0], at
 
 
-def kill_at(moment: Moment, args: list[str], log: Path) -> Hit:
-    """Start the run, and kill its whole process group when the moment has come. Its output is added to ``log``."""
+def kill_at(moment: Moment, args: list[str], log: Path, checkpoints: Path | None = None) -> Hit:
+    """Start the run, and kill its whole process group when the moment has come. Its output is added to ``log``.
+
+    Args:
+        checkpoints: the store, to count the delay from the first checkpoint of the moment's stage.
+    """
     before = log.stat().st_size if log.exists() else 0
     with open(log, "a", encoding="utf-8") as out:
         process = subprocess.Popen(args, cwd=ROOT, stdout=out, stderr=out, start_new_session=True)
@@ -95,6 +99,8 @@ def kill_at(moment: Moment, args: list[str], log: Path) -> Hit:
         return log.read_bytes()[before:].decode("utf-8", "replace")
 
     def begun(stage: str | None) -> bool:
+        if stage is not None and checkpoints is not None:
+            return any(checkpoints.glob(f"{stage}/*.partial/*/checkpoint-*"))
         return stage is None or any(f"  {stage}: {word}\n" in said() for word in ("started", "continuing"))
 
     while process.poll() is None and not begun(moment.stage):

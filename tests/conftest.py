@@ -1,6 +1,10 @@
 """What every test has in common: no network, one thread a process, GPU tests only where there is a GPU."""
 
 import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -20,3 +24,35 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
         if not torch.cuda.is_available():
             pytest.skip("needs a CUDA device")
+
+
+@dataclass(frozen=True)
+class WholeRun:
+    """One undisturbed run of ``train.py`` in a process of its own."""
+
+    arguments: list[str]
+    store: Path
+    folder: Path
+    """The run's own folder, with the film."""
+    output: str
+    """What it wrote to standard error."""
+    modules: frozenset[str]
+    """Everything it had imported at its end."""
+
+
+@pytest.fixture(scope="session")
+def whole_run(tmp_path_factory: pytest.TempPathFactory) -> WholeRun:
+    """A rubber burger, falling, in a quarter of a minute. Read its results, or copy them to change them."""
+    base = tmp_path_factory.mktemp("whole")
+    arguments = ["prompt=a rubber burger falling", "experiment=tiny", f"store={base / 'store'}", "device=cpu"]
+    code = (
+        "import atexit, runpy, sys\nfrom pathlib import Path\n"
+        f"atexit.register(lambda: Path({str(base / 'modules')!r}).write_text('\\n'.join(sys.modules)))\n"
+        f"sys.argv = ['train.py', *{arguments!r}]\nrunpy.run_path('train.py', run_name='__main__')"
+    )
+    root = Path(__file__).parents[1]
+    done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    (folder,) = (base / "store/runs").iterdir()
+    modules = frozenset((base / "modules").read_text().splitlines())
+    return WholeRun(arguments, base / "store", folder, done.stderr, modules)
