@@ -75,6 +75,9 @@ class Probe:
         """Set the experiment up for one object."""
         draft, _ = coarsen(particles, n=self.particles, seed=self.seed)
         scene = self.scene(draft.spacing / self.cells_per_spacing, size)
+        # the body hangs at its height, whichever of its particles the draft kept: half a spacing is a frame of the fall
+        above = float(draft.x[:, 2].min() - particles.x[:, 2].min())
+        scene = dataclasses.replace(scene, lift=self.gap * size + above)
         return Bench(self, scene, draft, Skin.bind(gaussians, draft, k=self.skin), self._camera(draft, size), size)
 
     def _camera(self, draft: Particles, size: float) -> Camera:

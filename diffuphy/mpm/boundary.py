@@ -27,6 +27,10 @@ from diffuphy.mpm.grid import Grid
 Kind = Literal["sticky", "slip", "separate"]
 Vec = tuple[float, float, float]
 
+SLACK = 1e-3
+"""A node this close in front of a wall still belongs to it [Δx]: a wall on a plane of nodes, as every floor at z = 0 is,
+would otherwise take or lose that plane, and with it a whole Δx of height, by the rounding of a coordinate."""
+
 N_WALL = 9
 """Numbers that describe a wall to a kernel: normal or centre (3), offset or radius, velocity (3), friction, 1 while
 it acts."""
@@ -141,10 +145,10 @@ def rows(boundaries: Sequence[Boundary], grid: Grid, times: np.ndarray) -> np.nd
         place = np.asarray(b.point if isinstance(b, HalfSpace) else b.center) + (times - b.start)[:, None] * V - low
         if isinstance(b, HalfSpace):
             out[:, k, :3] = b.normal
-            out[:, k, 3] = place @ np.asarray(b.normal) - b.reach * grid.dx
+            out[:, k, 3] = place @ np.asarray(b.normal) - (b.reach - SLACK) * grid.dx
         else:
             out[:, k, :3] = place
-            out[:, k, 3] = b.radius - b.reach * grid.dx
+            out[:, k, 3] = b.radius - (b.reach - SLACK) * grid.dx
         out[:, k, 4:7], out[:, k, 7] = V, b.friction
         out[:, k, 8] = (times >= b.start) & (times < b.end)
     return out

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from diffuphy.mpm import Grid, HalfSpace, Scene, Sphere, rollout, simulate
-from diffuphy.mpm.boundary import rows
+from diffuphy.mpm.boundary import SLACK, rows
 from tests.mpm.bodies import block, field, rotation
 
 DX = 0.04
@@ -161,8 +161,8 @@ def test_walls_as_data_follow_time_and_block():
     ball = Sphere(center=(1.0, 1.0, 1.0), radius=0.4, velocity=(0.0, 2.0, 0.0))
     data = rows((plane, ball), grid, np.array([0.5, 1.5, 2.0]))
     assert data[:, 0, 8].tolist() == [0.0, 1.0, 0.0] and data[:, 1, 8].tolist() == [1.0, 1.0, 1.0]
-    np.testing.assert_allclose(data[1, 0, :8], [0, 0, -1, -(2.5 - 1.0) - 0.5 * 0.5, 0, 0, -1, 0])
-    np.testing.assert_allclose(data[1, 1, :8], [2.0, 4.0, 0.0, 0.4, 0, 2, 0, 0])
+    np.testing.assert_allclose(data[1, 0, :8], [0, 0, -1, -(2.5 - 1.0) - (0.5 - SLACK) * 0.5, 0, 0, -1, 0])
+    np.testing.assert_allclose(data[1, 1, :8], [2.0, 4.0, 0.0, 0.4 + SLACK * 0.5, 0, 2, 0, 0])
 
 
 def test_a_scene_without_walls_has_no_wall_code_and_lists_of_walls_have_their_own_kernels():
@@ -224,3 +224,14 @@ def test_unused_fields_stay_out():
     f = field(len(x))
     a, b = (list(simulate(s, x, vol, f)) for s in (scene, gone))
     assert torch.equal(a[-1].x, b[-1].x)
+
+
+def test_a_plane_of_nodes_on_the_floor_belongs_to_it_in_float32():
+    """φ of the plane z = 0 as the kernel computes it, Δx k − offset in float32: never positive, whatever Δx and the
+    block. Its rounding once decided whether a body came to rest a whole Δx higher."""
+    for dx in np.linspace(0.01, 0.09, 400):
+        for k in (1, 2, 3, 5, 7, 11, 29):
+            grid = Grid(float(dx), (0, 0, -k), (4, 4, 2 * k))
+            offset = np.float32(rows((HalfSpace(),), grid, np.zeros(1))[0, 0, 3])
+            assert np.float32(dx) * np.float32(k) - offset <= 0.0
+            assert np.float32(dx) * np.float32(k + 1) - offset > 0.9 * dx
