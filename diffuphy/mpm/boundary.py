@@ -28,7 +28,7 @@ Kind = Literal["sticky", "slip", "separate"]
 Vec = tuple[float, float, float]
 
 SLACK = 1e-3
-"""A node this close in front of a wall still belongs to it [Δx]: a wall on a plane of nodes, as every floor at z = 0 is,
+"""A node this close in front of a wall still belongs to it [Δx]: a wall on a plane of nodes, as a floor at z = 0 is,
 would otherwise take or lose that plane, and with it a whole Δx of height, by the rounding of a coordinate."""
 
 N_WALL = 9
