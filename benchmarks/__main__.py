@@ -18,6 +18,16 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 
 QUICK = {
+    "films": (
+        "--prompts",
+        "a ball falling",
+        "--options",
+        "experiment=tiny",
+        "--store",
+        "{out}/store",
+        "--out",
+        "{out}",
+    ),
     "gaussians": ("--objects", "burger", "--steps", "20", "--out", "{out}"),
     "identify": ("stiffness", "--steps", "1", "--out", "{out}"),
     "library_sheet": ("burger", "duck", "--out", "{out}/library.png"),
