@@ -235,10 +235,15 @@ class Store:
             **recipe,
         }
         (partial / "meta.json").write_text(json.dumps(meta, indent=1, ensure_ascii=False), encoding="utf-8")
-        if path.exists():  # forced: the old result stays until the new one is complete
-            shutil.rmtree(path)
+        old = path.with_suffix(".old")
+        if path.exists():  # forced: the old result stays whole until the new one is complete
+            if old.exists():
+                shutil.rmtree(old)
+            os.replace(path, old)
             self._digests.pop(path, None)
-        os.replace(partial, path)  # atomic: a folder without .partial is complete
+        os.replace(partial, path)  # atomic: a folder without a suffix is complete
+        if old.exists():
+            shutil.rmtree(old)
         for checkpoint in (path / SCRATCH).glob("checkpoint*"):
             checkpoint.unlink()
 

@@ -112,6 +112,23 @@ def interrupted_run(tmp_path, monkeypatch):
         run(tmp_path, line())
 
 
+def test_a_kill_while_the_old_result_is_removed_leaves_a_whole_one(tmp_path, monkeypatch):
+    """Removing a folder takes several steps; none of them may be on the result that others read."""
+    first = run(tmp_path, line())
+    reference = digest(first[1].path)
+
+    def half(folder):
+        (folder / "result.json").unlink()
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr("diffuphy.artifact.shutil.rmtree", half)
+        run(tmp_path, line(), force=["lower"])
+    assert digest(run(tmp_path, line())[1].path) == reference
+    run(tmp_path, line(), force=["lower"])
+    assert not list(tmp_path.rglob("*.old"))
+
+
 def test_interrupted_stage_continues_to_the_same_bytes(tmp_path, monkeypatch):
     reference = digest(run(tmp_path / "a", line())[-1].path)
     interrupted_run(tmp_path / "b", monkeypatch)
