@@ -201,14 +201,14 @@ def test_a_sweep_shares_what_its_films_have_in_common(store, capsys):
 
 # ---------------------------------------------------------------------- resumable
 def test_killed_stages_continue_to_the_same_bytes(whole_run, tmp_path):
-    """SIGKILL just after a checkpoint of each long stage; then the same command."""
+    """SIGKILL soon after a checkpoint of each stage that learns; then the same command."""
     store, log = tmp_path / "store", tmp_path / "log"
     args = resume.command(store, PROMPT, "experiment=tiny")
-    for stage in ("gaussians", "material", "trajectory"):
+    for stage in ("gaussians", "material"):
         hit = resume.kill_at(resume.Moment(stage, random.Random(stage).uniform(0, 0.3)), args, log, checkpoints=store)
         assert not hit.over
     resume.finish(args, log)
-    assert log.read_text(encoding="utf-8").count(": continuing\n") >= 2  # the last steps may have been done meanwhile
+    assert "gaussians: continuing\n" in log.read_text(encoding="utf-8")
     assert resume.digests(store) == resume.digests(whole_run.store)
     (killed,) = store.glob("runs/*/film.mp4")
     assert killed.read_bytes() == (whole_run.folder / "film.mp4").read_bytes()
