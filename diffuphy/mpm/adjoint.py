@@ -47,13 +47,48 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
     ke, kp = mixture.Ke, mixture.Kp
 
     @wp.func
-    def about_particle(s0: vec4, s1: vec4, s2: vec4, S: vec3, f: vec3):
-        """First moments about the particle, Σ_i w_ip q̄_i d_ipᵀ, from those about the lowest node [per cell]."""
-        return wp.matrix_from_cols(
+    def gathered(
+        grid_bar: wp.array[vec4],
+        n: wp.vec3i,
+        bx: wp.int32,
+        by: wp.int32,
+        bz: wp.int32,
+        f: vec3,
+        q: vec4,
+        A: mat33,
+    ):
+        """What the nodes return to a particle that gave them w_ip q_ip, q_ip = q + A (x_i − x_low): Σ_i w_ip q̄_i, its
+        first moments about the particle Σ_i w_ip q̄_i d_ipᵀ, and Σ_i (q̄_i · q_ip) ∂w_ip; lengths in cells."""
+        wx, wy, wz = weights(f[0]), weights(f[1]), weights(f[2])
+        dwx, dwy, dwz = slopes(f[0]), slopes(f[1]), slopes(f[2])
+        a0, a1, a2 = columns(A)
+        s0, s1, s2, s3 = vec4(), vec4(), vec4(), vec4()
+        along = vec3()
+        for i in range(3):
+            for j in range(3):
+                w_ij = wx[i] * wy[j]
+                q_ij = q + wp.static(real(i)) * a0 + wp.static(real(j)) * a1
+                o = ((bx + i) * n[1] + by + j) * n[2] + bz
+                g0 = grid_bar[o]
+                g1 = grid_bar[o + 1]
+                g2 = grid_bar[o + 2]
+                d0, d1, d2 = wp.dot(g0, q_ij), wp.dot(g1, q_ij + a2), wp.dot(g2, q_ij + real(2.0) * a2)
+                s_w = wz[0] * d0 + wz[1] * d1 + wz[2] * d2
+                s_d = dwz[0] * d0 + dwz[1] * d1 + dwz[2] * d2
+                along += vec3(dwx[i] * wy[j] * s_w, wx[i] * dwy[j] * s_w, w_ij * s_d)
+                t0, t1, t2 = (w_ij * wz[0]) * g0, (w_ij * wz[1]) * g1, (w_ij * wz[2]) * g2
+                t = t0 + t1 + t2
+                s3 += t
+                s0 += wp.static(real(i)) * t
+                s1 += wp.static(real(j)) * t
+                s2 += t1 + real(2.0) * t2
+        S = vec3(s3[0], s3[1], s3[2])
+        A_bar = wp.matrix_from_cols(
             vec3(s0[0], s0[1], s0[2]) - S * f[0],
             vec3(s1[0], s1[1], s1[2]) - S * f[1],
             vec3(s2[0], s2[1], s2[2]) - S * f[2],
         )
+        return s3, A_bar, along
 
     @wp.kernel(module="unique", enable_backward=False)
     def grid_again(
@@ -203,8 +238,6 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         idx = real(1.0) / dx
         g = ((X[p] - low) + u[r]) * idx
         bx, by, bz, f = cell(g)
-        wx, wy, wz = weights(f[0]), weights(f[1]), weights(f[2])
-        dwx, dwy, dwz = slopes(f[0]), slopes(f[1]), slopes(f[2])
         w_e_p = w_e_t()
         w_p_p = w_p_t()
         if wp.static(ke > 1):
@@ -222,29 +255,8 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         A = (m_p * dx) * C_p - k4 * tau
         q3 = m_p * v_p - A * f
         q = vec4(q3[0], q3[1], q3[2], m_p)
-        a0, a1, a2 = columns(A)
-        s0, s1, s2, s3 = vec4(), vec4(), vec4(), vec4()
-        along = vec3()
-        for i in range(3):
-            for j in range(3):
-                w_ij = wx[i] * wy[j]
-                q_ij = q + wp.static(real(i)) * a0 + wp.static(real(j)) * a1
-                o = ((bx + i) * n[1] + by + j) * n[2] + bz
-                g0 = grid_bar[o]
-                g1 = grid_bar[o + 1]
-                g2 = grid_bar[o + 2]
-                d0, d1, d2 = wp.dot(g0, q_ij), wp.dot(g1, q_ij + a2), wp.dot(g2, q_ij + real(2.0) * a2)
-                s_w = wz[0] * d0 + wz[1] * d1 + wz[2] * d2
-                s_d = dwz[0] * d0 + dwz[1] * d1 + dwz[2] * d2
-                along += vec3(dwx[i] * wy[j] * s_w, wx[i] * dwy[j] * s_w, w_ij * s_d)
-                t0, t1, t2 = (w_ij * wz[0]) * g0, (w_ij * wz[1]) * g1, (w_ij * wz[2]) * g2
-                t = t0 + t1 + t2
-                s3 += t
-                s0 += wp.static(real(i)) * t
-                s1 += wp.static(real(j)) * t
-                s2 += t1 + real(2.0) * t2
+        s3, A_bar, along = gathered(grid_bar, n, bx, by, bz, f, q, A)
         S = vec3(s3[0], s3[1], s3[2])
-        A_bar = about_particle(s0, s1, s2, S, f)
         x_bar[p] = x_bar[p] + idx * (along - wp.transpose(A) * S)
         v_bar[p] = m_p * S
         C_bar[p] = (m_p * dx) * A_bar
