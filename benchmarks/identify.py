@@ -10,6 +10,7 @@ reference is the same drop with another draw of particles. Writes docs/benchmark
 
 import argparse
 import json
+import os
 import platform
 import time
 from pathlib import Path
@@ -109,10 +110,38 @@ def main() -> None:
     options = parser.parse_args()
     rows = {"stiffness": stiffness, "experts": experts, "gravel": gravel}[options.what](options.steps)
     options.out.mkdir(parents=True, exist_ok=True)
-    machine = platform.processor() or platform.machine()
+    machine = f"{os.cpu_count()} cores ({platform.machine()}), torch {torch.__version__}"
     (options.out / f"identify_{options.what}.json").write_text(
         json.dumps({"machine": machine, "steps": options.steps, "rows": rows}, indent=1)
     )
+    (options.out / "identify.md").write_text(page(options.out))
+
+
+def page(folder: Path) -> str:
+    """All results that are in ``folder`` as one page."""
+    found = {
+        p.stem.removeprefix("identify_"): json.loads(p.read_text()) for p in sorted(folder.glob("identify_*.json"))
+    }
+    text = "# What the material stage recovers\n\nThe reference is the same drop with another draw of particles.\n"
+    if "stiffness" in found:
+        text += f"\n## Stiffness of a rubber burger, no scan\n\n{found['stiffness']['machine']}\n\n"
+        text += "| start log₁₀ E | truth | found | spread | error | seconds |\n|---|---|---|---|---|---|\n"
+        for r in found["stiffness"]["rows"]:
+            text += f"| {r['start']:.2f} | {r['truth']:.2f} | {r['found']:.3f} | {r['spread']:.3f} "
+            text += f"| {r['found'] - r['truth']:+.3f} | {r['seconds']:.0f} |\n"
+    if "experts" in found:
+        text += f"\n## Plastic law of four balls, with the scan\n\n{found['experts']['machine']}\n\n"
+        text += "| material | seed | truth | found | log₁₀ E found | seconds |\n|---|---|---|---|---|---|\n"
+        for r in found["experts"]["rows"]:
+            laws = ", ".join(f"{k} {v:.0%}" for k, v in r["found"].items())
+            text += (
+                f"| {r['material']} | {r['seed']} | {r['truth']} | {laws} | {r['log10_E']:.2f} | {r['seconds']:.0f} |\n"
+            )
+    if "gravel" in found:
+        (r,) = found["gravel"]["rows"]
+        laws = ", ".join(f"{k} {v:.0%}" for k, v in r["found"].items())
+        text += f"\n## Gravel pile\n\n{found['gravel']['machine']}: {laws}, {r['seconds']:.0f} s.\n"
+    return text
 
 
 if __name__ == "__main__":
