@@ -33,7 +33,7 @@ QUICK = {
     "library_sheet": ("burger", "duck", "--out", "{out}/library.png"),
     "rasteriser": ("--repeats", "1", "--out", "{out}"),
     "resume": ("--kills", "1"),
-    "throughput": ("--particles", "2000", "--repeat", "2"),
+    "throughput": ("--particles", "2000", "--repeat", "2", "--out", "{out}"),
 }
 """Options under which each script takes about a minute; ``{out}`` is a folder that is thrown away."""
 

@@ -10,7 +10,10 @@ import argparse
 import dataclasses
 import json
 import math
+import os
+import platform
 import time
+from pathlib import Path
 
 import torch
 
@@ -82,12 +85,30 @@ def main() -> None:
     parser.add_argument("--particles", type=int, nargs="+", default=[2000, 20000, 100000])
     parser.add_argument("--repeat", type=int, default=7)
     parser.add_argument("--double", action="store_true", help="float64 as well")
+    parser.add_argument("--out", type=Path, default=Path(__file__).resolve().parents[1] / "docs" / "benchmarks")
     options = parser.parse_args()
     torch.set_num_threads(1)
+    rows = []
     for dtype in (torch.float32, torch.float64) if options.double else (torch.float32,):
         for n in options.particles:
             for case in CASES:
-                print(json.dumps(measure(case, n, dtype, options.repeat)), flush=True)
+                rows.append(measure(case, n, dtype, options.repeat))
+                print(json.dumps(rows[-1]), flush=True)
+    machine = f"one of {os.cpu_count()} cores ({platform.machine()}), torch {torch.__version__}"
+    options.out.mkdir(parents=True, exist_ok=True)
+    (options.out / "throughput.json").write_text(json.dumps({"machine": machine, "rows": rows}, indent=1))
+    (options.out / "throughput.md").write_text(page(machine, rows))
+
+
+def page(machine: str, rows: list[dict]) -> str:
+    """The rows as a page."""
+    text = f"# Simulation\n\n{machine}; process time, best of several. Kept: the forward pass keeps its substeps.\n\n"
+    text += "| laws | particles | precision | forward [M particle-substeps/s] | backward/forward | the same, kept |\n"
+    text += "|---|---|---|---|---|---|\n"
+    for r in rows:
+        text += f"| {r['case']} | {r['particles']} | {r['precision']} | {r['forward_M_per_s']} "
+        text += f"| {r['backward_over_forward']} | {r['backward_over_forward_kept']} |\n"
+    return text
 
 
 if __name__ == "__main__":
