@@ -28,7 +28,7 @@ class Moment:
     """When to kill."""
 
     stage: str | None
-    """After this stage has begun or continued; None: after the process has started."""
+    """After the log first names this stage; None: after the process has started."""
     delay: float
     """How long after that [s]."""
 
@@ -101,7 +101,7 @@ def kill_at(moment: Moment, args: list[str], log: Path, checkpoints: Path | None
     def begun(stage: str | None) -> bool:
         if stage is not None and checkpoints is not None:
             return any(checkpoints.glob(f"{stage}/*.partial/*/checkpoint-*"))
-        return stage is None or any(f"  {stage}: {word}\n" in said() for word in ("started", "continuing"))
+        return stage is None or f"  {stage}: " in said()
 
     while process.poll() is None and not begun(moment.stage):
         time.sleep(0.01)
