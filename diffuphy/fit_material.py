@@ -268,11 +268,9 @@ class FitMaterial:
         self, bench: Bench, cond: Conditions, field: MaterialField, table: MaterialField, work: Workspace
     ) -> None:
         """Hardened loss, held-out motion, and the loss at the table itself: below it one fits discretisation."""
-        clip = bench.clip(prune(field).field)
-        numbers = {"hardened_loss": float(cond.distil(clip, t=0.5, noise=cond.fixed_noise(clip), weight=self.weight))}
+        numbers = {"hardened_loss": cond.score(bench.clip(prune(field).field), self.weight)}
         if isinstance(getattr(cond.guidance, "references", None), TableClips):
-            own = bench.clip(prune(table).field)
-            numbers["loss_at_table"] = float(cond.distil(own, t=0.5, noise=cond.fixed_noise(own), weight=self.weight))
+            numbers["loss_at_table"] = cond.score(bench.clip(prune(table).field), self.weight)
             other = dataclasses.replace(self.probe, speed=1.7 * self.probe.speed, tilt=0.25).scene(
                 bench.scene.dx, bench.size
             )

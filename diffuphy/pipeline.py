@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from diffuphy.artifact import Done, Stage, Store, check_names
-from diffuphy.plan import Line, Plan, make_plan, stage_lines
+from diffuphy.plan import Plan, make_plan, stage_lines
 from diffuphy.types import Clip, Gaussians, MaterialField, Particles, Prompt, Trajectory
 
 log = logging.getLogger(__name__)
@@ -68,6 +68,3 @@ def _link(link: Path, target: Path) -> None:
         link.symlink_to(relative, target_is_directory=True)
     except OSError:
         link.with_suffix(".path.txt").write_text(relative + "\n", encoding="utf-8")
-
-
-__all__ = ["Line", "run", "stages"]

@@ -115,7 +115,7 @@ def appearance_lines(components: dict[str, Any]) -> list[Line]:
         "interior fill",
         components["particles"].fill != "none",
         "distilled Gaussians are a shell; the inside needs particles",
-        "particles.fill=none",
+        "sample.fill=none",
     )
     return [harmonics, fill]
 

@@ -38,8 +38,8 @@ class Probe:
     """Sideways speed as a fraction of the impact speed; shows friction."""
     gap: float = 0.03
     """Height of the lowest particle at the start, in object sizes."""
-    cells_per_spacing: float = 0.5
-    """Particle spacings per grid cell, inverted: dx = spacing / this; 0.5 is eight particles a cell."""
+    particles_per_cell: float = 8.0
+    """Grid spacing: Δx = spacing · this^⅓, as for the film."""
     cfl: float = 0.4
     """Courant number."""
     image: int = 64
@@ -74,7 +74,7 @@ class Probe:
     def bench(self, gaussians: Gaussians, particles: Particles, size: float) -> "Bench":
         """Set the experiment up for one object."""
         draft, _ = coarsen(particles, n=self.particles, seed=self.seed)
-        scene = self.scene(draft.spacing / self.cells_per_spacing, size)
+        scene = self.scene(draft.spacing * self.particles_per_cell ** (1 / 3), size)
         # the body hangs at its height, whichever of its particles the draft kept: half a spacing is a frame of the fall
         above = float(draft.x[:, 2].min() - particles.x[:, 2].min())
         scene = dataclasses.replace(scene, lift=self.gap * size + above)

@@ -41,10 +41,9 @@ class Conditions:
             )
         return self._made[frames]
 
-    def fixed_noise(self, clip: Tensor) -> Tensor:
-        """The same noise for every clip of this length, so that hypotheses are compared and not luck."""
-        z = self.guidance.encode(clip[None])
-        return torch.randn(z.shape, generator=torch.Generator().manual_seed(1)).to(z)
+    def score(self, clip: Tensor, weight: Weight) -> float:
+        """The loss at t = ½ with the same noise for every clip of one length: hypotheses are compared, not luck."""
+        return float(self.distil(clip, t=0.5, generator=torch.Generator().manual_seed(1), weight=weight))
 
     def distil(self, clip: Tensor, *, t: float, weight: Weight, **noise: Any) -> Tensor:
         """Score distillation of one clip (T, H, W, 3); its gradient is per pixel, so lengths compare."""
@@ -84,8 +83,7 @@ def scan(
     def score(pair: tuple) -> float:
         guess = warm_start(table.elastic, table.plastic, labels, [Hypothesis(**h) for h in hypotheses(pair)])
         with torch.no_grad():
-            clip = bench.clip(prune(guess).field, frames)
-            return float(cond.distil(clip, t=0.5, noise=cond.fixed_noise(clip), weight=weight))
+            return cond.score(bench.clip(prune(guess).field, frames), weight)
 
     scores = []
     cond.prepare(frames)
