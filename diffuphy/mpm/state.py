@@ -6,12 +6,14 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import torch
 import warp as wp
 from torch import Tensor
 
 from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.scene import Scene
+from diffuphy.mpm.variant import Variant
 from diffuphy.types import MaterialField
 
 REAL = {torch.float32: wp.float32, torch.float64: wp.float64}
@@ -32,11 +34,18 @@ class State:
     """Trial elastic deformation gradient minus the identity, shape (N, 3, 3)."""
     H: Tensor | None
     """Total deformation gradient minus the identity, shape (N, 3, 3); None when nothing flows: it is ``He`` then."""
-    log_J: Tensor | None = None
-    """ln det of the total deformation gradient, shape (N,), summed from its increments, since det F has no digits left
-    after much shear; None unless a law has volumetric memory."""
+    memory: Tensor | None = None
+    """What laws remember, shape (N, K), columns as ``mixture.memory``: "log_J", ln det of the total deformation
+    gradient, summed from its increments, since det F has no digits left after much shear; "slip", "heat"; None unless a
+    law remembers."""
+    HN: Tensor | None = None
+    """Elastic deformation gradient of the viscous branch minus the identity, shape (N, 3, 3); None without one."""
     time: float = 0.0
     """Time since the beginning [s]."""
+
+    def tensors(self) -> tuple[Tensor | None, ...]:
+        """x, v, C, He, H, memory, HN."""
+        return self.x, self.v, self.C, self.He, self.H, self.memory, self.HN
 
     @property
     def F(self) -> Tensor:
@@ -72,52 +81,64 @@ class Span:
     """Length of a substep Δt [s]."""
     n_sub: int
     """Number of substeps."""
+    alpha: float = 0.0
+    """α of the retention [-]."""
+    half_kick: bool = False
+    """Whether the first kick is half as long, and one more of that length ends the frame."""
 
     @property
     def end(self) -> float:
         """Time at the end [s]."""
         return self.start + self.n_sub * self.dt
 
+    @property
+    def steps(self) -> int:
+        """Number of rounds between particles and grid."""
+        return self.n_sub + int(self.half_kick)
+
+    def table(self) -> np.ndarray:
+        """Drift Δt [s], kick Δt [s] and α of each round, shape (steps, 4)."""
+        out = np.zeros((self.steps, 4))
+        out[:, :3] = self.dt, self.dt, self.alpha
+        if self.half_kick:
+            out[0, 1] = 0.5 * self.dt
+            out[-1, :3] = 0.0, 0.5 * self.dt, 1.0
+        return out
+
 
 class Rows:
-    """``slots`` copies of the state of a frame below each other: row s N + p is particle p after s substeps; u
-    counts from the first."""
+    """``slots`` copies of the state of a frame below each other: row s N + p is particle p after s rounds; u counts
+    from the first."""
 
-    def __init__(self, kernels: SimpleNamespace, state: State, slots: int):
+    def __init__(self, variant: Variant, state: State, slots: int):
         self.n = state.x.shape[0]
 
-        def rows_of(first: Tensor) -> Tensor:
+        def rows_of(first: Tensor | None) -> Tensor | None:
+            if first is None:
+                return None
             out = torch.empty((slots * self.n, *first.shape[1:]), dtype=first.dtype, device=first.device)
             out[: self.n] = first.detach()
             return out
 
-        self.u = rows_of(torch.zeros_like(state.x))
-        self.v, self.C, self.He = rows_of(state.v), rows_of(state.C), rows_of(state.He)
-        self.H = None if state.H is None else rows_of(state.H)
-        self.log_J = None if state.log_J is None else rows_of(state.log_J)
-        k, X = kernels, state.x.detach().contiguous()
-        types = {
-            "X": (X, k.vec3),
-            "u": (self.u, k.vec3),
-            "v": (self.v, k.vec3),
-            "C": (self.C, k.mat33),
-            "He": (self.He, k.mat33),
-            "H": (self.H, k.mat33),
-            "log_J": (self.log_J, k.real),
-        }
-        self.arrays = SimpleNamespace(**{name: view(t, d, X.device) for name, (t, d) in types.items()})
+        X = state.x.detach().contiguous()
+        first = (torch.zeros_like(X), state.v, state.C, state.He, state.H, state.memory, state.HN)
+        self._tensors = [rows_of(t) for t in first]
+        v, memory_t = variant, variant.mixture.memory_t
+        kinds = (v.vec3, v.vec3, v.mat33, v.mat33, v.mat33, memory_t, v.mat33)
+        names = ("u", "v", "C", "He", "H", "memory", "HN")
+        views = {n: view(t, d, X.device) for n, t, d in zip(names, self._tensors, kinds, strict=True)}
+        self.arrays = SimpleNamespace(X=view(X, v.vec3, X.device), **views)
 
-    def parts(self) -> list[Tensor]:
-        return [t for t in (self.u, self.v, self.C, self.He, self.H, self.log_J) if t is not None]
+    def take(self, slot: int) -> list[Tensor | None]:
+        """A copy of one slot: u, v, C, He, H, memory, HN."""
+        part = slice(slot * self.n, (slot + 1) * self.n)
+        return [None if t is None else t[part].clone() for t in self._tensors]
 
-    def take(self, slot: int) -> list[Tensor]:
-        """A copy of one slot."""
-        return [t[slot * self.n : (slot + 1) * self.n].clone() for t in self.parts()]
-
-    def put(self, parts: list[Tensor]) -> None:
+    def put(self, parts: list[Tensor | None]) -> None:
         """Make ``parts`` the first slot."""
-        for t, part in zip(self.parts(), parts, strict=True):
-            t[: self.n] = part
+        for t, part in zip(self._tensors, parts, strict=True):
+            if t is not None:
+                t[: self.n] = part
 
 
 def view(t: Tensor | None, dtype: Any, device: torch.device | str) -> wp.array:
@@ -194,7 +215,8 @@ def initial_state(scene: Scene, x: Tensor, m: Tensor, mixture: Any, velocity: Te
         C,
         H,
         H.clone() if mixture.is_plastic else None,
-        x.new_zeros(len(x)) if mixture.volumetric_memory else None,
+        x.new_zeros(len(x), len(mixture.memory)) if mixture.memory else None,
+        H.clone() if mixture.branches else None,
     )
 
 
