@@ -94,6 +94,7 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
     def grid_again(
         grid: wp.array[vec4],  # (nodes,) momentum, mass; kept for grid_adjoint
         row: wp.array2d[wall_t],
+        sdf: wp.array[real],  # samples of signed-distance walls [m]
         s: wp.int32,
         g_dt: vec3,
         dx: real,
@@ -106,7 +107,7 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         if a[3] > real(0.0):
             v = velocity(a, g_dt)
             if wp.static(has_walls):
-                v = apply(v, place(o, n, dx), row, s)
+                v = apply(v, place(o, n, dx), row, sdf, s)
             grid_v[o] = vec4(v[0], v[1], v[2], real(0.0))
             grid_bar[o] = vec4(real(0.0))
 
@@ -182,6 +183,7 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
     def grid_adjoint(
         grid: wp.array[vec4],  # (nodes,) momentum, mass   in, and cleared for the next step
         row: wp.array2d[wall_t],
+        sdf: wp.array[real],  # samples of signed-distance walls [m]
         s: wp.int32,
         g_dt: vec3,
         dx: real,
@@ -194,7 +196,7 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
             b4 = grid_bar[o]
             b = vec3(b4[0], b4[1], b4[2])
             if wp.static(has_walls):
-                b = contact_adjoint(velocity(a, g_dt), place(o, n, dx), row, s, b)
+                b = contact_adjoint(velocity(a, g_dt), place(o, n, dx), row, sdf, s, b)
             b = vec3(b[0] / a[3], b[1] / a[3], b[2] / a[3])
             v = velocity(a, vec3())
             grid_bar[o] = vec4(b[0], b[1], b[2], -wp.dot(b, v))

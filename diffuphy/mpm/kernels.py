@@ -197,6 +197,7 @@ def _make_kernels(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
     def grid_update(
         grid: wp.array[vec4],  # (nodes,) momentum, mass   in, and cleared for the next step
         row: wp.array2d[wall_t],  # (steps, walls)
+        sdf: wp.array[real],  # samples of signed-distance walls [m]
         s: wp.int32,  # row of this step
         g_dt: vec3,  # [m/s]  g Δt
         dx: real,
@@ -208,7 +209,7 @@ def _make_kernels(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         if a[3] > real(0.0):
             v = velocity(a, g_dt)
             if wp.static(has_walls):
-                v = apply(v, place(o, n, dx), row, s)
+                v = apply(v, place(o, n, dx), row, sdf, s)
             grid_v[o] = vec4(v[0], v[1], v[2], real(0.0))
             grid[o] = vec4(real(0.0))
 
