@@ -141,6 +141,7 @@ def _make_gather(mixture: Any, walls: Signature, real: type) -> SimpleNamespace:
     def add_walls(
         grid: wp.array[vec4],  # (nodes,) momentum [kg m/s], mass [kg]
         row: wp.array2d[wall_t],  # (steps, walls)
+        sdf: wp.array[real],  # samples of signed-distance walls [m]
         s: wp.int32,  # row of this step
         g_dt: vec3,
         dx: real,
@@ -151,6 +152,6 @@ def _make_gather(mixture: Any, walls: Signature, real: type) -> SimpleNamespace:
         a = grid[o]
         if a[3] > real(0.0):
             v = velocity(a, g_dt)
-            impulse[o] = impulse[o] + a[3] * (apply(v, place(o, n, dx), row, s) - v)
+            impulse[o] = impulse[o] + a[3] * (apply(v, place(o, n, dx), row, sdf, s) - v)
 
     return SimpleNamespace(p2g_free=p2g_free, add_forces=add_forces, add_walls=add_walls)

@@ -11,7 +11,7 @@ import warp as wp
 from torch import Tensor
 
 from diffuphy.compiling import LOCK
-from diffuphy.mpm.boundary import Boundary, rows
+from diffuphy.mpm.boundary import Boundary, rows, sdf_samples
 from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.state import Matter, Span, view
 
@@ -38,6 +38,7 @@ class Arguments:
         self.kernels, self.boundaries, self.gravity = kernels, boundaries, gravity
         self.dtype, self.device = dtype, device
         self.still = all(b.still for b in boundaries)
+        self.sdf = wp.array(sdf_samples(boundaries), dtype=kernels.real, device=str(device))
         self._nodes: dict[str, Tensor] = {}
 
     def frame(self, span: Span) -> tuple[Any, Any, float, float]:

@@ -85,7 +85,7 @@ class Solver:
         st = wp.from_torch(status)
         now = [a.X, a.u, a.v, a.C, a.He, a.log_J]
         p2g = args.record(k.p2g, work.n, [*now, *mat, low, dx, dt, n, 0, grid, He_out, st])
-        grid_update = args.record(k.grid_update, span.grid.nodes, [grid, row, 0, args.kick(span), dx, n, grid_v])
+        grid_update = args.record(k.grid_update, span.grid.nodes, [grid, row, args.sdf, 0, args.kick(span), dx, n, grid_v])
         g2p = args.record(
             k.g2p, work.n,
             [
@@ -126,7 +126,7 @@ class Solver:
             ]
         if sums.nodal is not None and self.walls:
             nodal = view(sums.nodal, self.kernels.vec3, self.device)
-            walls = args.record(k.add_walls, span.grid.nodes, [grid, row, 0, kick, dx, n, nodal])
+            walls = args.record(k.add_walls, span.grid.nodes, [grid, row, args.sdf, 0, kick, dx, n, nodal])
 
         def add(s: int, at: int) -> None:
             if free is not None:
@@ -226,11 +226,11 @@ class Solver:
         N, nodes = work.n, span.grid.nodes
         now = [a.X, a.u, a.v, a.C, a.He, a.log_J]
         p2g = args.record(k.p2g, N, [*now, *mat, low, dx, dt, n, 0, grid, scratch, status])
-        again = args.record(adj.grid_again, nodes, [grid, row, 0, kick, dx, n, grid_v, grid_bar])
+        again = args.record(adj.grid_again, nodes, [grid, row, args.sdf, 0, kick, dx, n, grid_v, grid_bar])
         g2p = args.record(
             adj.g2p_adjoint, N, [a.X, a.u, He, a.H, a.C, grid_v, low, dx, dt, n, 0, 0, *b, H_bar, log_J_bar, grid_bar]
         )
-        grid_adjoint = args.record(adj.grid_adjoint, nodes, [grid, row, 0, kick, dx, n, grid_bar])
+        grid_adjoint = args.record(adj.grid_adjoint, nodes, [grid, row, args.sdf, 0, kick, dx, n, grid_bar])
         p2g_adjoint = args.record(
             adj.p2g_adjoint, N, [*now, *mat, low, dx, dt, n, 0, grid_bar, *b, log_J_bar, *mb, *needs]
         )

@@ -1,0 +1,189 @@
+"""What walls do to the velocity of a node, and the adjoint of that, compiled for one list of walls.
+
+A node i with signed distance φ(x_i) ≤ −reach·Δx to the surface belongs to the wall. With the velocity of the surface
+S = V + ω × (x_i − c), that relative to it u = v_i − S, u_n = u·n and u_t = u − u_n n (n points out of the wall):
+
+    sticky      u ← 0
+    slip        u ← u_t                                          always (bilateral)
+    separate    u ← u_t max(0, 1 − μ |u_n| / |u_t|)  if u_n < 0, else unchanged
+
+The last line is Coulomb's law for the impulse: the normal impulse m |u_n| allows a tangential one of at most μ m |u_n|.
+"""
+
+from functools import lru_cache
+from types import SimpleNamespace
+
+import warp as wp
+
+from diffuphy.mpm.boundary.kernels_shapes import make_surface
+from diffuphy.mpm.boundary.layout import N_WALL, Signature
+
+
+@lru_cache
+def _make_wall(shape: str, kind: str, rough: bool, turns: bool, real: type) -> SimpleNamespace:
+    """Warp functions of one wall: the velocity after it, the adjoint of that, and the gradient in its row."""
+    vec3, wall_t = wp.types.vector(3, real), wp.types.vector(N_WALL, real)
+    sticky, slip, separate = kind == "sticky", kind == "slip", kind == "separate"
+    surface = make_surface(shape, real)
+
+    @wp.func(module="unique")
+    def moving(w: wall_t, r: vec3) -> vec3:
+        """Velocity of the surface."""
+        V = vec3(w[4], w[5], w[6])
+        if wp.static(turns):
+            V += wp.cross(vec3(w[9], w[10], w[11]), r - vec3(w[12], w[13], w[14]))
+        return V
+
+    @wp.func(module="unique")
+    def act(v: vec3, r: vec3, w: wall_t, sdf: wp.array[real]) -> vec3:
+        if w[8] == real(0.0):
+            return v
+        n, phi = surface(w, r, sdf)
+        if phi > real(0.0):
+            return v
+        V = moving(w, r)
+        if wp.static(sticky):
+            return V
+        u = v - V
+        u_n = wp.dot(u, n)
+        if wp.static(separate):
+            if u_n >= real(0.0):
+                return v
+        t = u - u_n * n
+        if wp.static(rough):
+            length = wp.length(t)
+            drag = -w[7] * u_n
+            if drag >= length:
+                return V
+            t = t * (real(1.0) - drag / length)
+        return V + t
+
+    @wp.func(module="unique")
+    def act_adjoint(v: vec3, r: vec3, w: wall_t, sdf: wp.array[real], o_bar: vec3) -> vec3:
+        if w[8] == real(0.0):
+            return o_bar
+        n, phi = surface(w, r, sdf)
+        if phi > real(0.0):
+            return o_bar
+        if wp.static(sticky):
+            return vec3()
+        u = v - moving(w, r)
+        u_n = wp.dot(u, n)
+        if wp.static(separate):
+            if u_n >= real(0.0):
+                return o_bar
+        if wp.static(rough):
+            # o = t (1 + μ u_n/|t|):  do = dt (1 + μ u_n/|t|) + t (μ du_n/|t| − μ u_n t·dt/|t|³)
+            t = u - u_n * n
+            length = wp.length(t)
+            k = w[7] * u_n / length
+            if length <= -w[7] * u_n:
+                return vec3()
+            e = t / length
+            along = wp.dot(e, o_bar)
+            t_bar = (real(1.0) + k) * o_bar - (k * along) * e
+            return t_bar - wp.dot(t_bar, n) * n + (w[7] * along) * n
+        return o_bar - wp.dot(o_bar, n) * n
+
+    @wp.func(module="unique")
+    def friction_bar(v: vec3, r: vec3, w: wall_t, sdf: wp.array[real], o_bar: vec3) -> real:
+        """∂/∂μ of o·ō: u_n t/|t| · ō while it slides, of a smooth wall its right-hand derivative; else 0."""
+        if wp.static(separate):
+            if w[8] == real(0.0):
+                return real(0.0)
+            n, phi = surface(w, r, sdf)
+            if phi > real(0.0):
+                return real(0.0)
+            u = v - moving(w, r)
+            u_n = wp.dot(u, n)
+            t = u - u_n * n
+            length = wp.length(t)
+            if u_n < real(0.0) and length > -w[7] * u_n:
+                return u_n * wp.dot(t, o_bar) / length
+        return real(0.0)
+
+    return SimpleNamespace(act=act, act_adjoint=act_adjoint, friction_bar=friction_bar, separate=separate)
+
+
+@lru_cache(maxsize=None)
+def make_contact(walls: Signature, real: type) -> SimpleNamespace:
+    """Warp functions of a list of walls, which act in order; without walls they are the identity.
+
+        apply(v, r, row, sdf, s) → v
+        adjoint(v, r, row, sdf, s, v_bar) → v_bar          with respect to the velocity before the walls
+        adjoint_rows(v, r, row, sdf, s, v_bar, row_bar)    adds to row_bar[s, b] the gradients in μ, V and ω of wall b
+
+    v is the velocity before all walls [m/s], v_bar the gradient in the velocity after them, r the node from the lowest
+    node of the grid [m], ``row`` the wall data of ``layout.rows``, ``sdf`` the samples of ``mesh.sdf_samples``, s the
+    row of this step. Gradients are exact within the branch a node is in; which nodes a wall governs, its normals and
+    its places are held fixed.
+    """
+    vec3, wall_t = wp.types.vector(3, real), wp.types.vector(N_WALL, real)
+    if not walls:
+        return _no_walls(vec3, wall_t, real)
+
+    # One function around the other and no loop over wp.static(walls[b]): what a loop resolves is not part of the hash
+    # under which Warp keeps compiled kernels, and two lists of walls of one length would share one kernel.
+    before, last = make_contact(walls[:-1], real), len(walls) - 1
+    before_apply, before_adjoint, before_rows = before.apply, before.adjoint, before.adjoint_rows
+    wall = _make_wall(*walls[-1], real)
+    act, act_adjoint, friction_bar, separate = wall.act, wall.act_adjoint, wall.friction_bar, wall.separate
+
+    @wp.func(module="unique")
+    def apply(v: vec3, r: vec3, row: wp.array2d[wall_t], sdf: wp.array[real], s: wp.int32) -> vec3:
+        return act(before_apply(v, r, row, sdf, s), r, row[s, last], sdf)
+
+    @wp.func(module="unique")
+    def adjoint(v: vec3, r: vec3, row: wp.array2d[wall_t], sdf: wp.array[real], s: wp.int32, v_bar: vec3) -> vec3:
+        o = before_apply(v, r, row, sdf, s)
+        return before_adjoint(v, r, row, sdf, s, act_adjoint(o, r, row[s, last], sdf, v_bar))
+
+    @wp.func(module="unique")
+    def adjoint_rows(
+        v: vec3,
+        r: vec3,
+        row: wp.array2d[wall_t],
+        sdf: wp.array[real],
+        s: wp.int32,
+        v_bar: vec3,
+        row_bar: wp.array2d[wall_t],
+    ):
+        o, w = before_apply(v, r, row, sdf, s), row[s, last]
+        o_bar = act_adjoint(o, r, w, sdf, v_bar)
+        S_bar = v_bar - o_bar  # the result is S + f(v − S)
+        if wp.dot(S_bar, S_bar) > real(0.0):
+            w_bar = wp.cross(r - vec3(w[12], w[13], w[14]), S_bar)
+            for k in range(3):
+                row_bar[s, last][4 + k] += S_bar[k]
+                row_bar[s, last][9 + k] += w_bar[k]
+        if wp.static(separate):
+            mu_bar = friction_bar(o, r, w, sdf, v_bar)
+            if mu_bar != real(0.0):
+                row_bar[s, last][7] += mu_bar
+        before_rows(v, r, row, sdf, s, o_bar, row_bar)
+
+    return SimpleNamespace(apply=apply, adjoint=adjoint, adjoint_rows=adjoint_rows, wall_t=wall_t)
+
+
+def _no_walls(vec3: type, wall_t: type, real: type) -> SimpleNamespace:
+    @wp.func(module="unique")
+    def apply(v: vec3, r: vec3, row: wp.array2d[wall_t], sdf: wp.array[real], s: wp.int32) -> vec3:
+        return v
+
+    @wp.func(module="unique")
+    def adjoint(v: vec3, r: vec3, row: wp.array2d[wall_t], sdf: wp.array[real], s: wp.int32, v_bar: vec3) -> vec3:
+        return v_bar
+
+    @wp.func(module="unique")
+    def adjoint_rows(
+        v: vec3,
+        r: vec3,
+        row: wp.array2d[wall_t],
+        sdf: wp.array[real],
+        s: wp.int32,
+        v_bar: vec3,
+        row_bar: wp.array2d[wall_t],
+    ):
+        pass
+
+    return SimpleNamespace(apply=apply, adjoint=adjoint, adjoint_rows=adjoint_rows, wall_t=wall_t)
