@@ -6,6 +6,7 @@ from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.rollout import FrameReport, rollout, simulate
 from diffuphy.mpm.sample import Sample, coarsen
 from diffuphy.mpm.scene import SCENES, Scene, scene_for
+from diffuphy.mpm.scheme import Scheme
 from diffuphy.mpm.solver import Solver
 from diffuphy.mpm.state import Matter, Span, State
 

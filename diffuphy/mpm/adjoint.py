@@ -52,7 +52,7 @@ def _make_g2p_adjoint(variant: Variant) -> wp.Kernel:
     turns = variant.scheme.retain > 0.0
     drive = make_drives(drives, real)
     drive_t, hold, hold_adjoint = drive.drive_t, drive.hold, drive.hold_adjoint
-    inertia = variant.scheme.inertia
+    inverse = real(1 / variant.scheme.inertia)
 
     @wp.kernel(module="unique", enable_backward=False)
     def g2p_adjoint(
@@ -83,6 +83,8 @@ def _make_g2p_adjoint(variant: Variant) -> wp.Kernel:
         HN_bar: wp.array[mat33],  # out: of the branch after flow
         memory_bar: wp.array[memory_t],
         bar: wp.array[node_t],  # (lanes · nodes,) of the velocities after and before the step   out
+        alpha_bar: wp.array[real],  # (N,) of α, summed over substeps
+        need_alpha: bool,
     ):
         p = start + wp.tid()
         r = at + p
@@ -93,7 +95,7 @@ def _make_g2p_adjoint(variant: Variant) -> wp.Kernel:
         dt, alpha = step[0], step[2]
         nodes = n[0] * n[1] * n[2]
         base, lane = (p // per_scene) * nodes, (p // per) * nodes
-        c = real(1.0 / inertia) * idx
+        c = inverse * idx
         L = mat33()
         if wp.static(classic):
             sum, m0, m1, m2, g0, g1, g2 = gather(grid_v, base, n, bx, by, bz, f)
@@ -139,6 +141,10 @@ def _make_g2p_adjoint(variant: Variant) -> wp.Kernel:
             V0_bar = -alpha * v_next
             B0_bar = (-alpha * c) * C_next
             v_0_bar, C_0_bar = alpha * v_next, alpha * C_next
+            if need_alpha and dt > real(0.0):
+                V_0 = second(sum)
+                lost = c * moments(V_0, second(m0), second(m1), second(m2), f) - C[r]
+                alpha_bar[p] = alpha_bar[p] + wp.dot(v_next, v[r] - V_0) - wp.ddot(C_next, lost)
             if wp.static(driven):
                 r_bar, v_0_bar, C_0_bar = hold_adjoint(
                     place, v[r], C[r], tag[p], drive_row, s, v_0_bar, C_0_bar
@@ -186,7 +192,7 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
     drive = make_drives(drives, real)
     drive_t, accelerate, accelerate_adjoint = drive.drive_t, drive.accelerate, drive.accelerate_adjoint
     hold, hold_adjoint = drive.hold, drive.hold_adjoint
-    inertia = variant.scheme.inertia
+    inverse = real(1 / variant.scheme.inertia)
 
     @wp.kernel(module="unique", enable_backward=False)
     def p2g_adjoint(
@@ -274,7 +280,7 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
             tau_bar = k * wp.matrix_from_cols(second(g0), second(g1), second(g2))
             along -= wp.transpose(A) * first(sum)
         else:
-            k *= real(1.0 / inertia)
+            k *= inverse
             T = k * tau
             sum, m0, m1, m2, along = scatter_adjoint(
                 bar, base, n, bx, by, bz, f, row(q3, m_p, f3 - T * f),

@@ -114,7 +114,7 @@ def _make_p2g(variant: Variant) -> wp.Kernel:
     body, driven, classic = variant.body, len(drives) > 0, variant.scheme.force == "classic"
     drive = make_drives(drives, real)
     drive_t, accelerate, hold = drive.drive_t, drive.accelerate, drive.hold
-    inertia = variant.scheme.inertia
+    inverse = real(1 / variant.scheme.inertia)
 
     @wp.kernel(module="unique", enable_backward=False)
     def p2g(
@@ -199,7 +199,7 @@ def _make_p2g(variant: Variant) -> wp.Kernel:
                 row(z, o, column(T, 0)), row(z, o, column(T, 1)), row(z, o, column(T, 2)),
             )  # fmt: skip
         else:
-            T = real(1.0 / inertia) * T
+            T = inverse * T
             scatter(
                 grid, base, n, bx, by, bz, f, row(q3, m_p, f3 - T * f),
                 row(column(A, 0), o, column(T, 0)),
@@ -226,7 +226,7 @@ def _make_g2p(variant: Variant) -> wp.Kernel:
     turns = variant.scheme.retain > 0.0
     drive = make_drives(drives, real)
     drive_t, hold = drive.drive_t, drive.hold
-    inertia = variant.scheme.inertia
+    inverse = real(1 / variant.scheme.inertia)
 
     @wp.kernel(module="unique", enable_backward=False)
     def g2p(
@@ -270,7 +270,7 @@ def _make_g2p(variant: Variant) -> wp.Kernel:
         step = steps[s]
         dt, alpha = step[0], step[2]
         base = (p // per) * (n[0] * n[1] * n[2])
-        c = real(1.0 / inertia) * idx
+        c = inverse * idx
         L = mat33()
         if wp.static(classic):
             sum, m0, m1, m2, g0, g1, g2 = gather(grid_v, base, n, bx, by, bz, f)

@@ -163,7 +163,7 @@ def _make_stencil(v: Variant, parts: SimpleNamespace) -> SimpleNamespace:
         return SimpleNamespace()
     real, vec3, node_t, cell_t = v.real, v.vec3, v.node_t, v.cell_t
     mat33, flat, index = v.mat33, parts.flat, parts.index
-    strength = v.scheme.sharpening
+    strength = real(v.scheme.sharpening)
 
     @wp.func(module="unique")
     def corner(c: wp.int32) -> vec3:
@@ -219,7 +219,7 @@ def _make_stencil(v: Variant, parts: SimpleNamespace) -> SimpleNamespace:
         at = index(o - base, n)
         least, _who = lightest(acc, base, at, n)
         if least > real(0.0):
-            sigma[o] = packed(gradient(acc, base, at, n, 4), least * real(strength))
+            sigma[o] = packed(gradient(acc, base, at, n, 4), least * strength)
         else:
             sigma[o] = cell_t()
 
@@ -229,18 +229,20 @@ def _make_stencil(v: Variant, parts: SimpleNamespace) -> SimpleNamespace:
     ) -> vec3:  # fmt: skip
         """(S a)_i of a node, with the masses of ``acc``."""
         o = flat(at[0], at[1], at[2], n)
-        m, own = acc[base + o][3], a[base + o]
+        m = acc[base + o][3]
+        own = a[base + o]
         total = vec3()
         for c in range(8):
             j = flat(at[0] - (c & 1), at[1] - ((c >> 1) & 1), at[2] - ((c >> 2) & 1), n)
             if j >= 0:
-                q, s = sigma[base + j], corner(c)
+                q = sigma[base + j]
+                s = corner(c)
                 total += vec3(
                     q[0] * s[0] + q[5] * s[1] + q[4] * s[2],
                     q[5] * s[0] + q[1] * s[1] + q[3] * s[2],
                     q[4] * s[0] + q[3] * s[1] + q[2] * s[2],
                 )
-        edge = real(strength)
+        edge = strength
         for axis in range(3):
             for side in range(2):
                 step = 2 * side - 1

@@ -83,7 +83,7 @@ def _make_move_adjoint(v: Variant, forward: SimpleNamespace) -> wp.Kernel:
 
 
 def _make_cells_adjoint(v: Variant, forward: SimpleNamespace) -> wp.Kernel:
-    real, node_t, cell_t, strength = v.real, v.node_t, v.cell_t, v.scheme.sharpening
+    real, node_t, cell_t, strength = v.real, v.node_t, v.cell_t, v.real(v.scheme.sharpening)
     lightest, gradient, packed, index = forward.lightest, forward.gradient, forward.packed, forward.index
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -101,8 +101,8 @@ def _make_cells_adjoint(v: Variant, forward: SimpleNamespace) -> wp.Kernel:
         least, who = lightest(acc, base, at, n)
         if least > real(0.0):
             G = gradient(y, base, at, n, 4)
-            a = packed(gradient(acc, base, at, n, 4), real(strength))
-            q = packed(G, least * real(strength))
+            a = packed(gradient(acc, base, at, n, 4), strength)
+            q = packed(G, least * strength)
             q[6] = (
                 a[0] * G[0, 0] + a[1] * G[1, 1] + a[2] * G[2, 2]
                 + a[3] * (G[1, 2] + G[2, 1]) + a[4] * (G[2, 0] + G[0, 2]) + a[5] * (G[0, 1] + G[1, 0])
@@ -117,7 +117,7 @@ def _make_cells_adjoint(v: Variant, forward: SimpleNamespace) -> wp.Kernel:
 
 def _make_divide_adjoint(v: Variant, forward: SimpleNamespace) -> wp.Kernel:
     real, vec3, node_t, cell_t, step_t = v.real, v.vec3, v.node_t, v.cell_t, v.step_t
-    wide, sharpen, mirror, strength = v.wide, v.scheme.sharpen, v.mirror, v.scheme.sharpening
+    wide, sharpen, mirror, strength = v.wide, v.scheme.sharpen, v.mirror, v.real(v.scheme.sharpening)
     index, flat, seen = forward.index, forward.flat, forward.seen
     sharpened = forward.sharpened if sharpen else None
 
@@ -127,7 +127,8 @@ def _make_divide_adjoint(v: Variant, forward: SimpleNamespace) -> wp.Kernel:
     ) -> real:  # fmt: skip
         """Σ over the edges and cells whose least mass is that of this node of ∂(y · S a)/∂m."""
         own = base + flat(at[0], at[1], at[2], n)
-        m, total = acc[own][3], real(0.0)
+        m = acc[own][3]
+        total = real(0.0)
         for c in range(8):
             j = flat(at[0] - (c & 1), at[1] - ((c >> 1) & 1), at[2] - ((c >> 2) & 1), n)
             if j >= 0:
@@ -149,7 +150,7 @@ def _make_divide_adjoint(v: Variant, forward: SimpleNamespace) -> wp.Kernel:
                     other = acc[base + nb][3]
                     if m < other or (m == other and side == 1):
                         total += (
-                            real(strength)
+                            strength
                             * (acc[own][4 + axis] - acc[base + nb][4 + axis])
                             * (y[own][4 + axis] - y[base + nb][4 + axis])
                         )
@@ -176,7 +177,8 @@ def _make_divide_adjoint(v: Variant, forward: SimpleNamespace) -> wp.Kernel:
         o = start + wp.tid()
         nodes = n[0] * n[1] * n[2]
         base = (o // nodes) * nodes
-        a, b = acc[o], y[o]
+        a = acc[o]
+        b = y[o]
         m = a[3]
         if m > real(0.0):
             at = index(o - base, n)
@@ -205,6 +207,8 @@ def _make_divide_adjoint(v: Variant, forward: SimpleNamespace) -> wp.Kernel:
                 if wp.static(mirror):
                     a_bar = seen(a_bar, at, low, high, sticky)
                 gravity_bar[o] = gravity_bar[o] + kick * a_bar
+        else:
+            out[o] = node_t()
 
     return divide_adjoint
 

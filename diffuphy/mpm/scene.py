@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from diffuphy.mpm.boundary import Boundary, HalfSpace, Sphere, Vec, vector
+from diffuphy.mpm.drive import Drive
+from diffuphy.mpm.scheme import Scheme
 
 GRAVITY = 9.81
 """Standard gravity, rounded [m/s²]."""
@@ -35,6 +37,11 @@ class Scene:
     """Δt (c + |v|) / Δx, the cells that a wave crosses in a substep [-]. Explicit steps are stable to about 0.8; half
     of it leaves room for stiffening while a body is squeezed."""
 
+    scheme: Scheme = Scheme()
+    """Transfer between particles and grid, walls and time integration."""
+    drives: tuple[Drive, ...] = ()
+    """Forces on particles and prescribed motions; see ``mpm.drive``."""
+
     def __post_init__(self) -> None:
         for name in ("gravity", "velocity", "spin"):
             object.__setattr__(self, name, vector(name, getattr(self, name)))
@@ -48,6 +55,7 @@ class Scene:
         if not 0.0 < self.cfl <= 0.8:
             raise ValueError(f"cfl must be in (0, 0.8], got {self.cfl}: beyond 0.8 an explicit step is unstable")
         object.__setattr__(self, "boundaries", tuple(self.boundaries))
+        object.__setattr__(self, "drives", tuple(self.drives))
         for k, b in enumerate(self.boundaries):
             if b.thickness < 3.0 * self.dx:
                 raise ValueError(

@@ -14,13 +14,14 @@ def make_spline(real: type, order: int = 2) -> SimpleNamespace:
     Distances are in cells and count from the lowest of the order + 1 nodes along an axis.
     """
     vec3, mat33 = wp.types.vector(3, real), wp.types.matrix((3, 3), real)
-    reach = (order - 1) / 2
+    reach = 0.5 * (order - 1)
+    upper = order - reach
     vec_w, weights, slopes, curvatures = (_quadratic if order == 2 else _cubic)(real)
 
     @wp.func(module="unique")
     def inside(g: vec3, n: wp.vec3i):
         """True when all nodes exist; false for anything that is not a number."""
-        h, top = real(reach), real(order - reach)
+        h, top = real(reach), real(upper)
         return (
             g[0] >= h and g[1] >= h and g[2] >= h
             and g[0] < real(n[0]) - top and g[1] < real(n[1]) - top and g[2] < real(n[2]) - top
@@ -66,14 +67,14 @@ def _quadratic(real: type) -> tuple[Any, Any, Any, Any]:
 def _cubic(real: type) -> tuple[Any, Any, Any, Any]:
     """w, dw/df and d²w/df² of the cubic spline, 1 ≤ f < 2."""
     vec = wp.types.vector(4, real)
+    sixth, two = real(1 / 6), real(2 / 3)
 
     @wp.func(module="unique")
     def weights(f: real):
         t = f - real(1.0)
-        u, s = real(1.0) - t, real(1.0 / 6.0)
+        u = real(1.0) - t
         t2, u2 = t * t, u * u
-        two = real(2.0 / 3.0)
-        return vec(s * u2 * u, two - t2 + real(0.5) * t2 * t, two - u2 + real(0.5) * u2 * u, s * t2 * t)
+        return vec(sixth * u2 * u, two - t2 + real(0.5) * t2 * t, two - u2 + real(0.5) * u2 * u, sixth * t2 * t)
 
     @wp.func(module="unique")
     def slopes(f: real):

@@ -68,6 +68,12 @@ class Matter:
     """Masses, shape (N,) [kg]."""
     vol: Tensor
     """Rest volumes, shape (N,) [m³]."""
+    tag: Tensor | None = None
+    """Which drives act on a particle, shape (N,), bit masks; None without drives."""
+
+    def tensors(self) -> tuple[Tensor, ...]:
+        """w_e, w_p, θ, m, vol."""
+        return self.w_e, self.w_p, self.theta, self.m, self.vol
 
 
 @dataclass(frozen=True)
@@ -81,8 +87,8 @@ class Span:
     """Length of a substep Δt [s]."""
     n_sub: int
     """Number of substeps."""
-    alpha: float = 0.0
-    """α of the retention [-]."""
+    rate: float | None = None
+    """1/τ of the retention [1/s]; None for none."""
     half_kick: bool = False
     """Whether the first kick is half as long, and one more of that length ends the frame."""
 
@@ -95,6 +101,11 @@ class Span:
     def steps(self) -> int:
         """Number of rounds between particles and grid."""
         return self.n_sub + int(self.half_kick)
+
+    @property
+    def alpha(self) -> float:
+        """Share that a round retains, α = exp(−Δt/τ) [-]."""
+        return 0.0 if self.rate is None else math.exp(-self.dt * self.rate)
 
     def table(self) -> np.ndarray:
         """Drift Δt [s], kick Δt [s] and α of each round, shape (steps, 4)."""
@@ -139,6 +150,42 @@ class Rows:
         for t, part in zip(self._tensors, parts, strict=True):
             if t is not None:
                 t[: self.n] = part
+
+
+@dataclass(frozen=True)
+class Bars:
+    """Gradients of a loss in the fields of a state, of matter and of a scene; None where there is nothing or nothing is
+    asked for. Kernels add to those of matter and scene, and carry those of a state from its end to its beginning."""
+
+    x: Tensor
+    v: Tensor
+    C: Tensor
+    He: Tensor
+    H: Tensor | None
+    memory: Tensor | None
+    HN: Tensor | None
+    w_e: Tensor | None = None
+    w_p: Tensor | None = None
+    theta: Tensor | None = None
+    m: Tensor | None = None
+    gravity: Tensor | None = None
+    """A row a node, shape (nodes, 3)."""
+    alpha: Tensor | None = None
+    """In the retention, shape (N,)."""
+    walls: Tensor | None = None
+    """In the wall data of every round, shape (steps, walls, N_WALL)."""
+
+    def state(self, v: Variant) -> list[tuple[Tensor | None, Any]]:
+        """Gradients of a state with their Warp types."""
+        return [
+            (self.x, v.vec3), (self.v, v.vec3), (self.C, v.mat33), (self.He, v.mat33), (self.H, v.mat33),
+            (self.memory, v.mixture.memory_t), (self.HN, v.mat33),
+        ]  # fmt: skip
+
+    def matter(self, v: Variant) -> list[tuple[Tensor | None, Any]]:
+        """Gradients of matter with their Warp types."""
+        mix = v.mixture
+        return [(self.w_e, mix.w_e_t), (self.w_p, mix.w_p_t), (self.theta, mix.theta_t), (self.m, v.real)]
 
 
 def view(t: Tensor | None, dtype: Any, device: torch.device | str) -> wp.array:
@@ -197,14 +244,23 @@ def make_matter(
     return Matter(*(t.contiguous() for t in parts), vol.contiguous())
 
 
-def initial_state(scene: Scene, x: Tensor, m: Tensor, mixture: Any, velocity: Tensor | None = None) -> State:
+def placed(scene: Scene, x: Tensor) -> Tensor:
+    """Particles lifted to the height at which a scene begins."""
+    if scene.lift is None:
+        return x
+    up = torch.zeros_like(x[0].detach())
+    up[2] = scene.lift - x.detach()[:, 2].min()
+    return x + up
+
+
+def initial_state(
+    scene: Scene, x: Tensor, m: Tensor, mixture: Any, velocity: Tensor | None = None, scenes: int = 1
+) -> State:
     """Particles lifted to their height and set in motion: v = V + ω × (x − x_cm), C = [ω]×, F = I."""
-    if scene.lift is not None:
-        up = torch.zeros_like(x[0].detach())
-        up[2] = scene.lift - x.detach()[:, 2].min()
-        x = x + up
+    x = placed(scene, x)
     w = x.new_tensor(scene.spin)
-    center = (m[:, None] * x).sum(0) / m.sum()
+    each = (m[:, None] * x).reshape(scenes, -1, 3).sum(1) / m.reshape(scenes, -1).sum(1)[:, None]
+    center = each.repeat_interleave(len(x) // scenes, 0)
     v = x.new_tensor(scene.velocity) + torch.linalg.cross(w.expand_as(x), x - center)
     C = x.new_zeros(len(x), 3, 3)
     C[:] = x.new_tensor([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
@@ -218,6 +274,28 @@ def initial_state(scene: Scene, x: Tensor, m: Tensor, mixture: Any, velocity: Te
         x.new_zeros(len(x), len(mixture.memory)) if mixture.memory else None,
         H.clone() if mixture.branches else None,
     )
+
+
+def check_state(state: State, mixture: Any) -> None:
+    """Refuse a state from which laws cannot go on.
+
+    Raises:
+        ValueError: naming the field and the first bad particle.
+    """
+    F = state.He.detach() + torch.eye(3).to(state.He)
+    if bool((bad := ~(torch.linalg.det(F) > 0)).any()):
+        p = int(bad.nonzero()[0])
+        raise ValueError(
+            f"det F of particle {p} is {float(torch.linalg.det(F[p])):.4g} in the state to go on from; it must be "
+            "positive: a body cannot be inside out"
+        )
+    needs = {"memory": bool(mixture.memory), "HN": bool(mixture.branches), "H": mixture.is_plastic}
+    for name, need in needs.items():
+        if need and getattr(state, name) is None:
+            raise ValueError(
+                f"the laws {(*mixture.laws_p, *mixture.branches)} need {name} in the state to go on from, which has "
+                "none; start from one of theirs"
+            )
 
 
 def stretches(H: Tensor) -> tuple[Tensor, Tensor]:

@@ -38,6 +38,8 @@ class Variant:
     """Whether the impulse of the walls is summed."""
     split: bool = False
     """Whether nodes keep forces apart although the scheme does not ask for it."""
+    twice: bool = False
+    """Whether the nodes are gone through twice although nothing else asks for it, as a backward pass needs."""
 
     @cached_property
     def wide(self) -> bool:
@@ -52,7 +54,7 @@ class Variant:
     @cached_property
     def two_passes(self) -> bool:
         """Whether nodes read their neighbours, so that a pass must end before the next begins."""
-        return self.wide or self.mirror
+        return self.wide or self.mirror or self.twice
 
     @cached_property
     def vec3(self) -> Any:

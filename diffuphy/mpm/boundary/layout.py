@@ -45,7 +45,7 @@ def rows(boundaries: Sequence[Boundary], grid: Grid, times: np.ndarray) -> np.nd
         times: start of each step [s], float64; one row suffices when every wall is still.
     """
     out = np.zeros((len(times), len(boundaries), N_WALL))
-    low = np.asarray(grid.origin, dtype=np.float64) * grid.dx
+    low = np.asarray(grid.low)
     first = 0
     for k, b in enumerate(boundaries):
         now, row = b.pose(times), out[:, k]
