@@ -82,7 +82,7 @@ class Clock:
             )
         scheme = self.scene.scheme
         n_sub = math.ceil(T / step)
-        rate = None if self.rate is None else float(self.rate)
+        rate = None if self.rate is None else float(self.rate.detach())
         return Span(self._block(state, speed), state.time, T / n_sub, n_sub, rate, scheme.half_kick)
 
     def halved(self, span: Span) -> Span:
