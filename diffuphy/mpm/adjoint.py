@@ -41,14 +41,14 @@ def _make_g2p_adjoint(variant: Variant) -> wp.Kernel:
     mixture, real = variant.mixture, variant.real
     vec3, mat33, node_t, step_t = variant.vec3, variant.mat33, variant.node_t, variant.step_t
     memory_t = mixture.memory_t
-    transfer, rows, drives = make_transfer(variant.scheme, real, variant.width), make_rows(variant), variant.drives
+    transfer, rows, drives = make_transfer(variant.scheme, real), make_rows(variant), variant.drives
     spline, gather, gather_adjoint = transfer.spline, transfer.gather, transfer.gather_adjoint
-    pair, first, second, column, moments = rows.pair, rows.first, rows.second, rows.column, rows.moments
+    row, first, second, column, moments = rows.row, rows.first, rows.second, rows.column, rows.moments
     cell, eye, cofactor = spline.cell, spline.eye, linalg.build(real).cofactor
     plastic, branched = mixture.is_plastic, len(mixture.branches) > 0
     opens = "log_J" in mixture.memory
     at_log_J = mixture.memory.index("log_J") if opens else 0
-    driven, classic, wide = len(drives) > 0, variant.scheme.force == "classic", variant.wide
+    driven, classic, keeps = len(drives) > 0, variant.scheme.force == "classic", variant.scheme.keeps
     turns = variant.scheme.retain > 0.0
     drive = make_drives(drives, real)
     drive_t, hold, hold_adjoint = drive.drive_t, drive.hold, drive.hold_adjoint
@@ -136,8 +136,8 @@ def _make_g2p_adjoint(variant: Variant) -> wp.Kernel:
         if wp.static(not classic):
             B_bar += L_bar
         B_bar = c * B_bar  # acts on offsets in cells
-        V0_bar, B0_bar = vec3(), mat33()
-        if wp.static(wide):
+        V0_bar, B0_bar, o = vec3(), mat33(), real(0.0)
+        if wp.static(keeps):
             V0_bar = -alpha * v_next
             B0_bar = (-alpha * c) * C_next
             v_0_bar, C_0_bar = alpha * v_next, alpha * C_next
@@ -146,30 +146,28 @@ def _make_g2p_adjoint(variant: Variant) -> wp.Kernel:
                 lost = c * moments(V_0, second(m0), second(m1), second(m2), f) - C[r]
                 alpha_bar[p] = alpha_bar[p] + wp.dot(v_next, v[r] - V_0) - wp.ddot(C_next, lost)
             if wp.static(driven):
-                r_bar, v_0_bar, C_0_bar = hold_adjoint(
-                    place, v[r], C[r], tag[p], drive_row, s, v_0_bar, C_0_bar
-                )
+                r_bar, v_0_bar, C_0_bar = hold_adjoint(place, v[r], C[r], tag[p], drive_row, s, v_0_bar, C_0_bar)
                 x_next += r_bar
             v_bar[p] = v_0_bar
             C_bar[p] = C_0_bar
         else:
             v_bar[p] = vec3()
             C_bar[p] = mat33()
-        q = pair(v_next - B_bar * f, V0_bar - B0_bar * f)
-        b0 = pair(column(B_bar, 0), column(B0_bar, 0))
-        b1 = pair(column(B_bar, 1), column(B0_bar, 1))
-        b2 = pair(column(B_bar, 2), column(B0_bar, 2))
+        q = row(v_next - B_bar * f, o, V0_bar - B0_bar * f)
+        b0 = row(column(B_bar, 0), o, column(B0_bar, 0))
+        b1 = row(column(B_bar, 1), o, column(B0_bar, 1))
+        b2 = row(column(B_bar, 2), o, column(B0_bar, 2))
         if wp.static(classic):
             L_bar = idx * L_bar
             z = vec3()
             mean, along = gather_adjoint(
                 grid_v, base, bar, lane, n, bx, by, bz, f, q, b0, b1, b2,
-                pair(column(L_bar, 0), z), pair(column(L_bar, 1), z), pair(column(L_bar, 2), z),
+                row(column(L_bar, 0), o, z), row(column(L_bar, 1), o, z), row(column(L_bar, 2), o, z),
             )  # fmt: skip
         else:
             mean, along = gather_adjoint(grid_v, base, bar, lane, n, bx, by, bz, f, q, b0, b1, b2)
         along -= wp.transpose(B_bar) * first(mean)
-        if wp.static(wide):
+        if wp.static(keeps):
             along -= wp.transpose(B0_bar) * second(mean)
         x_bar[p] = x_next + idx * along
 
@@ -180,7 +178,7 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
     mixture, real = variant.mixture, variant.real
     vec3, mat33, node_t, step_t = variant.vec3, variant.mat33, variant.node_t, variant.step_t
     w_e_t, w_p_t, theta_t, memory_t = mixture.w_e_t, mixture.w_p_t, mixture.theta_t, mixture.memory_t
-    transfer, rows, drives = make_transfer(variant.scheme, real, variant.width), make_rows(variant), variant.drives
+    transfer, rows, drives = make_transfer(variant.scheme, real), make_rows(variant), variant.drives
     spline, scatter_adjoint, row, column = transfer.spline, transfer.scatter_adjoint, rows.row, rows.column
     first, second, moments = rows.first, rows.second, rows.moments
     cell, eye = spline.cell, spline.eye

@@ -70,7 +70,7 @@ def make_gather(variant: Variant) -> SimpleNamespace:
 
 def _make_gather(variant: Variant) -> SimpleNamespace:
     real, vec3, node_t = variant.real, variant.vec3, variant.node_t
-    transfer = make_transfer(variant.scheme, real, variant.width)
+    transfer = make_transfer(variant.scheme, real)
     weights, inside, cell = transfer.spline.weights, transfer.spline.inside, transfer.spline.cell
     second, K = make_rows(variant).second, variant.scheme.order + 1
 

@@ -40,23 +40,11 @@ def make_rows(variant: Variant) -> SimpleNamespace:
 
 def _make_rows(v: Variant) -> SimpleNamespace:
     real, vec3, mat33, node_t = v.real, v.vec3, v.mat33, v.node_t
-    wide = v.wide
 
     @wp.func(module="unique")
     def row(q: vec3, m: real, f: vec3) -> node_t:
         """Momentum, mass and what the step adds to the momentum."""
-        if wp.static(wide):
-            return node_t(q[0], q[1], q[2], m, f[0], f[1], f[2], real(0.0))
-        else:
-            return node_t(q[0] + f[0], q[1] + f[1], q[2] + f[2], m)
-
-    @wp.func(module="unique")
-    def pair(a: vec3, b: vec3) -> node_t:
-        """What acts on the velocities after and before the step."""
-        if wp.static(wide):
-            return node_t(a[0], a[1], a[2], real(0.0), b[0], b[1], b[2], real(0.0))
-        else:
-            return node_t(a[0], a[1], a[2], real(0.0))
+        return node_t(q[0], q[1], q[2], m, f[0], f[1], f[2], real(0.0))
 
     @wp.func(module="unique")
     def first(r: node_t) -> vec3:
@@ -64,10 +52,7 @@ def _make_rows(v: Variant) -> SimpleNamespace:
 
     @wp.func(module="unique")
     def second(r: node_t) -> vec3:
-        if wp.static(wide):
-            return vec3(r[4], r[5], r[6])
-        else:
-            return vec3(r[0], r[1], r[2])
+        return vec3(r[4], r[5], r[6])
 
     @wp.func(module="unique")
     def column(A: mat33, i: wp.int32) -> vec3:
@@ -93,7 +78,7 @@ def _make_rows(v: Variant) -> SimpleNamespace:
         return wp.log(u) * (y / (u - real(1.0)))
 
     return SimpleNamespace(
-        row=row, pair=pair, first=first, second=second, column=column, moments=moments, log_det=log_det
+        row=row, first=first, second=second, column=column, moments=moments, log_det=log_det
     )  # fmt: skip
 
 
@@ -105,7 +90,7 @@ def _make_p2g(variant: Variant) -> wp.Kernel:
     mixture, real = variant.mixture, variant.real
     vec3, mat33, node_t, step_t = variant.vec3, variant.mat33, variant.node_t, variant.step_t
     w_e_t, w_p_t, theta_t, memory_t = mixture.w_e_t, mixture.w_p_t, mixture.theta_t, mixture.memory_t
-    transfer, rows, drives = make_transfer(variant.scheme, real, variant.width), make_rows(variant), variant.drives
+    transfer, rows, drives = make_transfer(variant.scheme, real), make_rows(variant), variant.drives
     spline, scatter, row, column = transfer.spline, transfer.scatter, rows.row, rows.column
     inside, cell, eye = spline.inside, spline.cell, spline.eye
     stress, branch_stress = mixture.stress, mixture.branch_stress
@@ -215,14 +200,14 @@ def _make_g2p(variant: Variant) -> wp.Kernel:
     vec3, mat33, node_t, step_t, memory_t = (
         variant.vec3, variant.mat33, variant.node_t, variant.step_t, mixture.memory_t
     )  # fmt: skip
-    transfer, rows, drives = make_transfer(variant.scheme, real, variant.width), make_rows(variant), variant.drives
+    transfer, rows, drives = make_transfer(variant.scheme, real), make_rows(variant), variant.drives
     spline, gather, log_det = transfer.spline, transfer.gather, rows.log_det
     first, second, moments = rows.first, rows.second, rows.moments
     inside, cell, eye = spline.inside, spline.cell, spline.eye
     plastic, branched = mixture.is_plastic, len(mixture.branches) > 0
     opens = "log_J" in mixture.memory
     at_log_J = mixture.memory.index("log_J") if opens else 0
-    driven, classic, wide = len(drives) > 0, variant.scheme.force == "classic", variant.wide
+    driven, classic, keeps = len(drives) > 0, variant.scheme.force == "classic", variant.scheme.keeps
     turns = variant.scheme.retain > 0.0
     drive = make_drives(drives, real)
     drive_t, hold = drive.drive_t, drive.hold
@@ -281,7 +266,7 @@ def _make_g2p(variant: Variant) -> wp.Kernel:
         C_p = c * moments(v_p, first(m0), first(m1), first(m2), f)
         if wp.static(not classic):
             L = C_p
-        if wp.static(wide):
+        if wp.static(keeps):
             v_0, C_0 = v[r], C[r]
             if wp.static(driven):
                 v_0, C_0 = hold(place, v_0, C_0, tag[p], drive_row, s)

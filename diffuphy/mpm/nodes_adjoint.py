@@ -13,7 +13,10 @@ from types import SimpleNamespace
 import warp as wp
 
 from diffuphy.mpm.boundary import make_contact
-from diffuphy.mpm.nodes import make_nodes
+from diffuphy.mpm.mirror import make_reflection
+from diffuphy.mpm.nodes import make_free
+from diffuphy.mpm.places import make_places
+from diffuphy.mpm.sharpen import make_sharpening
 from diffuphy.mpm.variant import Variant
 
 
@@ -24,25 +27,25 @@ def make_nodes_adjoint(variant: Variant) -> SimpleNamespace:
 
 
 def _make_nodes_adjoint(v: Variant) -> SimpleNamespace:
-    forward = make_nodes(v)
-    kernels = {"move_adjoint": _make_move_adjoint(v, forward), "divide_adjoint": _make_divide_adjoint(v, forward)}
+    kernels = {"move_adjoint": _make_move_adjoint(v), "divide_adjoint": _make_divide_adjoint(v)}
     if v.scheme.sharpen:
-        kernels["cells_adjoint"] = _make_cells_adjoint(v, forward)
+        kernels["cells_adjoint"] = make_sharpening(v).cells_adjoint
     if v.mirror:
-        kernels["reflect"] = _make_reflect(v, forward)
+        kernels["reflect"] = _make_reflect(v)
     return SimpleNamespace(**kernels)
 
 
-def _make_move_adjoint(v: Variant, forward: SimpleNamespace) -> wp.Kernel:
-    real, vec3, node_t, cell_t, wide = v.real, v.vec3, v.node_t, v.cell_t, v.wide
-    contact, index, summed, free = make_contact(v.walls, real), forward.index, forward.summed, forward.free
+def _make_move_adjoint(v: Variant) -> wp.Kernel:
+    real, vec3, node_t = v.real, v.vec3, v.node_t
+    contact, index = make_contact(v.walls, real), make_places().index
+    summed, free = make_reflection(v).summed, make_free(v)
     contact_adjoint, contact_rows, wall_t = contact.adjoint, contact.adjoint_rows, contact.wall_t
     has_walls = len(v.walls) > 0
 
     @wp.kernel(module="unique", enable_backward=False)
     def move_adjoint(
         acc: wp.array[node_t],
-        sigma: wp.array[cell_t],
+        sigma: wp.array[node_t],
         bar: wp.array[node_t],  # (scenes · lanes · nodes,) of the velocities after and before the step; cleared
         lanes: wp.int32,
         row: wp.array2d[wall_t],
@@ -51,7 +54,7 @@ def _make_move_adjoint(v: Variant, forward: SimpleNamespace) -> wp.Kernel:
         n: wp.vec3i,
         dx: real,
         start: wp.int32,
-        y: wp.array[node_t],  # (scenes · nodes,) v̄⁰ + g̅, and g̅/m; in one pass g̅ alone   out
+        y: wp.array[node_t],  # (scenes · nodes,) v̄⁰ + g̅, –, g̅/m, –   out
         row_bar: wp.array2d[wall_t],  # of the wall data   in and out
         need_rows: bool,
     ):
@@ -70,10 +73,7 @@ def _make_move_adjoint(v: Variant, forward: SimpleNamespace) -> wp.Kernel:
                 if need_rows:
                     contact_rows(u, place, row, sdf, ws, g, row_bar)
                 g = contact_adjoint(u, place, row, sdf, ws, g)
-            if wp.static(wide):
-                y[o] = node_t(b[4] + g[0], b[5] + g[1], b[6] + g[2], real(0.0), g[0] / m, g[1] / m, g[2] / m, real(0.0))
-            else:
-                y[o] = node_t(g[0], g[1], g[2], real(0.0))
+            y[o] = node_t(b[4] + g[0], b[5] + g[1], b[6] + g[2], real(0.0), g[0] / m, g[1] / m, g[2] / m, real(0.0))
             for lane in range(lanes):
                 bar[(scene * lanes + lane) * nodes + o - base] = node_t()
         else:
@@ -82,86 +82,18 @@ def _make_move_adjoint(v: Variant, forward: SimpleNamespace) -> wp.Kernel:
     return move_adjoint
 
 
-def _make_cells_adjoint(v: Variant, forward: SimpleNamespace) -> wp.Kernel:
-    real, node_t, cell_t, strength = v.real, v.node_t, v.cell_t, v.real(v.scheme.sharpening)
-    lightest, gradient, packed, index = forward.lightest, forward.gradient, forward.packed, forward.index
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def cells_adjoint(
-        acc: wp.array[node_t],
-        y: wp.array[node_t],
-        n: wp.vec3i,
-        start: wp.int32,
-        sigma: wp.array[cell_t],  # that of y; then s σ(a) : G(y), and 1 + the corner of least mass, whose m̄ it is   out
-    ):
-        o = start + wp.tid()
-        nodes = n[0] * n[1] * n[2]
-        base = (o // nodes) * nodes
-        at = index(o - base, n)
-        least, who = lightest(acc, base, at, n)
-        if least > real(0.0):
-            G = gradient(y, base, at, n, 4)
-            a = packed(gradient(acc, base, at, n, 4), strength)
-            q = packed(G, least * strength)
-            q[6] = (
-                a[0] * G[0, 0] + a[1] * G[1, 1] + a[2] * G[2, 2]
-                + a[3] * (G[1, 2] + G[2, 1]) + a[4] * (G[2, 0] + G[0, 2]) + a[5] * (G[0, 1] + G[1, 0])
-            )  # fmt: skip
-            q[7] = real(1 + who)
-            sigma[o] = q
-        else:
-            sigma[o] = cell_t()
-
-    return cells_adjoint
-
-
-def _make_divide_adjoint(v: Variant, forward: SimpleNamespace) -> wp.Kernel:
-    real, vec3, node_t, cell_t, step_t = v.real, v.vec3, v.node_t, v.cell_t, v.step_t
-    wide, sharpen, mirror, strength = v.wide, v.scheme.sharpen, v.mirror, v.real(v.scheme.sharpening)
-    index, flat, seen = forward.index, forward.flat, forward.seen
-    sharpened = forward.sharpened if sharpen else None
-
-    @wp.func(module="unique")
-    def of_mass(
-        acc: wp.array[node_t], y: wp.array[node_t], sigma: wp.array[cell_t], base: wp.int32, at: wp.vec3i, n: wp.vec3i
-    ) -> real:  # fmt: skip
-        """Σ over the edges and cells whose least mass is that of this node of ∂(y · S a)/∂m."""
-        own = base + flat(at[0], at[1], at[2], n)
-        m = acc[own][3]
-        total = real(0.0)
-        for c in range(8):
-            j = flat(at[0] - (c & 1), at[1] - ((c >> 1) & 1), at[2] - ((c >> 2) & 1), n)
-            if j >= 0:
-                q = sigma[base + j]
-                if wp.int32(q[7]) == c + 1:
-                    total += q[6]
-        for axis in range(3):
-            for side in range(2):
-                step = 2 * side - 1
-                i, j, k = at[0], at[1], at[2]
-                if axis == 0:
-                    i = i + step
-                if axis == 1:
-                    j = j + step
-                if axis == 2:
-                    k = k + step
-                nb = flat(i, j, k, n)
-                if nb >= 0:
-                    other = acc[base + nb][3]
-                    if m < other or (m == other and side == 1):
-                        total += (
-                            strength
-                            * (acc[own][4 + axis] - acc[base + nb][4 + axis])
-                            * (y[own][4 + axis] - y[base + nb][4 + axis])
-                        )
-        return total
+def _make_divide_adjoint(v: Variant) -> wp.Kernel:
+    real, vec3, node_t, step_t, mirror, sharpen = v.real, v.vec3, v.node_t, v.step_t, v.mirror, v.scheme.sharpen
+    index, seen = make_places().index, make_reflection(v).seen
+    sharpened = make_sharpening(v).sharpened if sharpen else None
+    of_mass = make_sharpening(v).of_mass if sharpen else None
 
     @wp.kernel(module="unique", enable_backward=False)
     def divide_adjoint(
         acc: wp.array[node_t],
-        sigma: wp.array[cell_t],  # of a, from ``cells``
+        sigma: wp.array[node_t],  # of a, from ``cells``
         y: wp.array[node_t],
-        sigma_y: wp.array[cell_t],  # from ``cells_adjoint``
+        sigma_y: wp.array[node_t],  # from ``cells_adjoint``
         n: wp.vec3i,
         gravity: vec3,
         steps: wp.array[step_t],
@@ -187,22 +119,14 @@ def _make_divide_adjoint(v: Variant, forward: SimpleNamespace) -> wp.Kernel:
             if wp.static(mirror):
                 g = seen(g, at, low, high, sticky)
             v0, v0_bar = vec3(a[0], a[1], a[2]), vec3(b[0], b[1], b[2])
-            a_bar, m_bar = v0_bar, real(0.0)
-            if wp.static(wide):
-                y_o = vec3(b[4], b[5], b[6])
-                a_bar = m * y_o
-                if wp.static(sharpen):
-                    a_bar += sharpened(acc, y, sigma_y, base, at, n)
-                    m_bar = of_mass(acc, y, sigma_y, base, at, n) - wp.dot(
-                        sharpened(acc, acc, sigma, base, at, n), y_o
-                    ) / m
-                f = vec3(a[4], a[5], a[6]) - g
-                m_bar -= (wp.dot(v0_bar, v0) + wp.dot(a_bar, f)) / m
-                q_bar, f_bar = v0_bar / m, a_bar / m
-                out[o] = node_t(q_bar[0], q_bar[1], q_bar[2], m_bar, f_bar[0], f_bar[1], f_bar[2], real(0.0))
-            else:
-                q_bar = v0_bar / m
-                out[o] = node_t(q_bar[0], q_bar[1], q_bar[2], -wp.dot(q_bar, v0 - g))
+            y_o = vec3(b[4], b[5], b[6])
+            a_bar, m_bar = m * y_o, real(0.0)
+            if wp.static(sharpen):
+                a_bar += sharpened(acc, y, sigma_y, base, at, n)
+                m_bar = of_mass(acc, y, sigma_y, base, at, n) - wp.dot(sharpened(acc, acc, sigma, base, at, n), y_o) / m
+            m_bar -= (wp.dot(v0_bar, v0) + wp.dot(a_bar, vec3(a[4], a[5], a[6]) - g)) / m
+            q_bar, f_bar = v0_bar / m, a_bar / m
+            out[o] = node_t(q_bar[0], q_bar[1], q_bar[2], m_bar, f_bar[0], f_bar[1], f_bar[2], real(0.0))
             if need_gravity:
                 if wp.static(mirror):
                     a_bar = seen(a_bar, at, low, high, sticky)
@@ -213,8 +137,8 @@ def _make_divide_adjoint(v: Variant, forward: SimpleNamespace) -> wp.Kernel:
     return divide_adjoint
 
 
-def _make_reflect(v: Variant, forward: SimpleNamespace) -> wp.Kernel:
-    node_t, index, folded = v.node_t, forward.index, forward.folded
+def _make_reflect(v: Variant) -> wp.Kernel:
+    node_t, index, folded = v.node_t, make_places().index, make_reflection(v).folded
 
     @wp.kernel(module="unique", enable_backward=False)
     def reflect(

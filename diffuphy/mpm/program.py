@@ -1,7 +1,5 @@
 """The kernels of a round in order: forward, and backward."""
 
-
-
 import warp as wp
 
 from diffuphy.mpm.adjoint import Needs, make_adjoint
@@ -10,6 +8,7 @@ from diffuphy.mpm.kernels import make_kernels
 from diffuphy.mpm.launch import Bound, Command, Program
 from diffuphy.mpm.nodes import make_nodes
 from diffuphy.mpm.nodes_adjoint import make_nodes_adjoint
+from diffuphy.mpm.sharpen import make_sharpening
 from diffuphy.mpm.state import Bars
 
 Phases = list[list[Command]]
@@ -53,7 +52,7 @@ def _grid(b: Bound, sums: Sums | None) -> Phases:
             make_gather(v).add_forces, b.particles, [a.X, a.u, b.acc, b.low, b.dx, b.n, 0, 0, dv]
         ))  # fmt: skip
     if v.scheme.sharpen:
-        phases.append(args.record(k.cells, b.nodes, [b.acc, b.n, 0, b.sigma]))
+        phases.append(args.record(make_sharpening(v).cells, b.nodes, [b.acc, b.n, 0, b.sigma]))
     impulse = args.view(None if sums is None else sums.nodal, v.vec3)
     if v.measures and (sums is None or sums.nodal is None):  # a kernel that measures needs a place to put it
         impulse = args.nodal("impulse", b.span.grid.nodes * args.lanes.scenes, v.vec3)
@@ -88,7 +87,7 @@ def backward(b: Bound, bars: Bars, needs: Needs, flowed: tuple[wp.array, wp.arra
     phases.append(args.record(nodes.move_adjoint, b.nodes, [
         b.acc, b.sigma, bar, lanes.copies, b.walls, args.sdf, 0, b.n, b.dx, 0, y, rows, bars.walls is not None,
     ]))  # fmt: skip
-    sigma_y = args.nodal("sigma_y", count if v.scheme.sharpen else 1, v.cell_t)
+    sigma_y = args.nodal("sigma_y", count if v.scheme.sharpen else 1, v.node_t)
     if v.scheme.sharpen:
         phases.append(args.record(nodes.cells_adjoint, b.nodes, [b.acc, y, b.n, 0, sigma_y]))
     gravity = args.view(bars.gravity, v.vec3)
@@ -104,5 +103,3 @@ def backward(b: Bound, bars: Bars, needs: Needs, flowed: tuple[wp.array, wp.arra
         lanes.particles, b.steps, 0, 0, 0, out, *at_start, *matter, *needs,
     ]))  # fmt: skip
     return Program(phases)
-
-

@@ -20,7 +20,17 @@ from diffuphy.mpm.kernels import FAST, INVERTED, LEFT
 from diffuphy.mpm.scene import Scene
 from diffuphy.mpm.solver import Body, Solver
 from diffuphy.mpm.state import (
-    REAL, Bars, Matter, Rows, Span, State, check, check_state, initial_state, make_matter, placed,
+    REAL,
+    Bars,
+    Matter,
+    Rows,
+    Span,
+    State,
+    check,
+    check_state,
+    initial_state,
+    make_matter,
+    placed,
 )  # fmt: skip
 from diffuphy.types import MaterialField, SimulationDiverged, Trajectory
 
@@ -93,7 +103,12 @@ class Frame(torch.autograd.Function):
         span = ctx.span
         rate_bar = None if out.alpha is None else (-span.dt * span.alpha * out.alpha.sum()).to(rate)
         of_state = (out.x, out.v, out.C, out.He, out.H, out.memory, out.HN)
-        return (None,) * 6 + of_state + (out.w_e, out.w_p, out.theta, out.m, rate_bar) + controls.bars(out.gravity, out.walls)
+        return (
+            (None,) * 6
+            + of_state
+            + (out.w_e, out.w_p, out.theta, out.m, rate_bar)
+            + controls.bars(out.gravity, out.walls)
+        )
 
 
 def _bar(t: Tensor | None, grad: Tensor | None) -> Tensor | None:

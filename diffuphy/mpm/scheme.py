@@ -66,9 +66,9 @@ class Scheme:
         return SHARPENING[self.force, self.order] if self.sharpen else 0.0
 
     @property
-    def splits(self) -> bool:
-        """Whether nodes keep the velocity before the step apart from the acceleration."""
-        return self.sharpen or self.half_kick or self.retain > 0.0
+    def keeps(self) -> bool:
+        """Whether particles keep something of their velocity, so that they need that of the nodes before the step."""
+        return self.half_kick or self.retain > 0.0
 
     @property
     def half(self) -> float:

@@ -79,7 +79,7 @@ class Solver:
         self.planes, walls = mirrors(boundaries, dx) if scheme.mirror else (Mirrors(), tuple(boundaries))
         self.variant = Variant(
             mixture, REAL[dtype], scheme, signature(walls), self.planes.any, drive_signature(drives), body is not None,
-            "impulse" in gather, "expected_dv" in gather, grad,
+            "impulse" in gather, grad or "expected_dv" in gather,
         )  # fmt: skip
         lanes = Lanes(scenes, particles, threads if self.device.type == "cpu" else 1)
         self._args = Arguments(self.variant, walls, tuple(drives), self.planes, self.gravity, lanes, self.device)
@@ -160,7 +160,7 @@ class Solver:
             bars: gradients in the fields of a state; they are overwritten.
             needs: which of w_e, w_p, θ, m want one.
             kept: what ``advance`` kept; then nothing is run again.
-            gravity, walls, alpha: whether the acceleration of gravity, the data of the walls and the retention want one.
+            gravity, walls, alpha: whether gravity, the data of the walls and the retention want one.
         """
         segment = span.steps if kept is not None else min(segment or self._segment(state, span), span.steps)
         with self._args.stream():
@@ -204,5 +204,3 @@ class Solver:
         if walls:
             more["walls"] = new(1 if self._args.still else span.steps, len(self._args.boundaries), N_WALL)
         return dataclasses.replace(bars, **more)
-
-

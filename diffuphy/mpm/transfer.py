@@ -5,9 +5,10 @@ A particle brings to node i an affine row of numbers, and in the classic form it
     scatter   row_i += w_i (q + A d_i) + B ∇w_i
     gather    Σ_i w_i row_i,   Σ_i w_i row_i ⊗ d_i,   and in the classic form Σ_i row_i ⊗ ∇w_i
 
-with d_i counted in cells from the lowest node (the particle is at f there) and ∇ per cell. A row is four numbers
-(momentum, mass), or eight (momentum, mass, force, –) when a scheme keeps what was apart from what the step adds.
-A function is made for each degree, form of force and width; columns of A and B are rows.
+with d_i counted in cells from the lowest node (the particle is at f there) and ∇ per cell. A row is eight numbers:
+momentum, mass, what the step adds to the momentum, –; or velocity after the step, –, velocity before it, –. Eight are
+a vector register, and faster than four. Functions are made for each degree and form of force; columns of A and B are
+rows.
 """
 
 from functools import lru_cache
@@ -20,10 +21,10 @@ from diffuphy.mpm.spline import make_spline
 
 
 @lru_cache
-def make_transfer(scheme: Scheme, real: type, width: int) -> SimpleNamespace:
+def make_transfer(scheme: Scheme, real: type) -> SimpleNamespace:
     """``scatter``, ``gather``, ``scatter_adjoint``, ``gather_adjoint`` and ``node_t`` of one scheme."""
     spline = make_spline(real, scheme.order)
-    node_t = wp.types.vector(width, real)
+    node_t = wp.types.vector(8, real)
     parts = (_make_classic if scheme.force == "classic" else _make_affine)(spline, node_t, real, scheme.order)
     return SimpleNamespace(node_t=node_t, spline=spline, **parts)
 
@@ -52,21 +53,26 @@ def _make_affine(spline: SimpleNamespace, node_t: type, real: type, order: int) 
     def gather(
         grid: wp.array[node_t], base: wp.int32, n: wp.vec3i, bx: wp.int32, by: wp.int32, bz: wp.int32, f: vec3
     ):  # fmt: skip
-        """Σ w row, and Σ w row i for each axis."""
+        """Σ w row, and Σ w row i for each axis; sums are nested, so that a node takes two operations."""
         wx, wy, wz = weights(f[0]), weights(f[1]), weights(f[2])
         s, m0, m1, m2 = node_t(), node_t(), node_t(), node_t()
         for i in range(wp.static(K)):
+            a, b, c = node_t(), node_t(), node_t()
             for j in range(wp.static(K)):
-                w_ij = wx[i] * wy[j]
                 o = base + ((bx + i) * n[1] + by + j) * n[2] + bz
-                t = node_t()
-                for k in range(wp.static(K)):
-                    r = (w_ij * wz[k]) * grid[o + k]
+                t = wz[0] * grid[o]
+                z = node_t()
+                for k in range(1, wp.static(K)):
+                    r = wz[k] * grid[o + k]
                     t += r
-                    m2 += wp.static(real(k)) * r
-                s += t
-                m0 += wp.static(real(i)) * t
-                m1 += wp.static(real(j)) * t
+                    z += wp.static(real(k)) * r
+                a += wy[j] * t
+                b += (wp.static(real(j)) * wy[j]) * t
+                c += wy[j] * z
+            s += wx[i] * a
+            m0 += (wp.static(real(i)) * wx[i]) * a
+            m1 += wx[i] * b
+            m2 += wx[i] * c
         return s, m0, m1, m2
 
     @wp.func(module="unique")
@@ -79,23 +85,27 @@ def _make_affine(spline: SimpleNamespace, node_t: type, real: type, order: int) 
         dwx, dwy, dwz = slopes(f[0]), slopes(f[1]), slopes(f[2])
         s, m0, m1, m2, along = node_t(), node_t(), node_t(), node_t(), vec3()
         for i in range(wp.static(K)):
+            a, b, c = node_t(), node_t(), node_t()
             for j in range(wp.static(K)):
-                w_ij = wx[i] * wy[j]
                 q_ij = q + wp.static(real(i)) * a0 + wp.static(real(j)) * a1
                 o = base + ((bx + i) * n[1] + by + j) * n[2] + bz
-                s_w, s_d, t = real(0.0), real(0.0), node_t()
+                s_w, s_d, t, z = real(0.0), real(0.0), node_t(), node_t()
                 for k in range(wp.static(K)):
                     g = bar[o + k]
                     d = wp.dot(g, q_ij + wp.static(real(k)) * a2)
                     s_w += wz[k] * d
                     s_d += dwz[k] * d
-                    r = (w_ij * wz[k]) * g
+                    r = wz[k] * g
                     t += r
-                    m2 += wp.static(real(k)) * r
-                along += vec3(dwx[i] * wy[j] * s_w, wx[i] * dwy[j] * s_w, w_ij * s_d)
-                s += t
-                m0 += wp.static(real(i)) * t
-                m1 += wp.static(real(j)) * t
+                    z += wp.static(real(k)) * r
+                along += vec3(dwx[i] * wy[j] * s_w, wx[i] * dwy[j] * s_w, wx[i] * wy[j] * s_d)
+                a += wy[j] * t
+                b += (wp.static(real(j)) * wy[j]) * t
+                c += wy[j] * z
+            s += wx[i] * a
+            m0 += (wp.static(real(i)) * wx[i]) * a
+            m1 += wx[i] * b
+            m2 += wx[i] * c
         return s, m0, m1, m2, along
 
     @wp.func(module="unique")
@@ -109,11 +119,12 @@ def _make_affine(spline: SimpleNamespace, node_t: type, real: type, order: int) 
         dwx, dwy, dwz = slopes(f[0]), slopes(f[1]), slopes(f[2])
         s, along = node_t(), vec3()
         for i in range(wp.static(K)):
+            a = node_t()
             for j in range(wp.static(K)):
                 w_ij = wx[i] * wy[j]
                 q_ij = q + wp.static(real(i)) * b0 + wp.static(real(j)) * b1
                 o = ((bx + i) * n[1] + by + j) * n[2] + bz
-                s_w, s_d = real(0.0), real(0.0)
+                s_w, s_d, t = real(0.0), real(0.0), node_t()
                 for k in range(wp.static(K)):
                     h = q_ij + wp.static(real(k)) * b2
                     r = grid[base + o + k]
@@ -121,8 +132,10 @@ def _make_affine(spline: SimpleNamespace, node_t: type, real: type, order: int) 
                     d = wp.dot(r, h)
                     s_w += wz[k] * d
                     s_d += dwz[k] * d
-                    s += (w_ij * wz[k]) * r
+                    t += wz[k] * r
                 along += vec3(dwx[i] * wy[j] * s_w, wx[i] * dwy[j] * s_w, w_ij * s_d)
+                a += wy[j] * t
+            s += wx[i] * a
         return s, along
 
     return {
@@ -199,7 +212,12 @@ def _make_classic(spline: SimpleNamespace, node_t: type, real: type, order: int)
                 p00, p11, p01 = ex[i] * wy[j], wx[i] * ey[j], dwx[i] * dwy[j]
                 for k in range(wp.static(K)):
                     g = bar[o + k]
-                    d, e0, e1, e2 = wp.dot(g, q_ij + wp.static(real(k)) * a2), wp.dot(g, c0), wp.dot(g, c1), wp.dot(g, c2)
+                    d, e0, e1, e2 = (
+                        wp.dot(g, q_ij + wp.static(real(k)) * a2),
+                        wp.dot(g, c0),
+                        wp.dot(g, c1),
+                        wp.dot(g, c2),
+                    )
                     z, dz = wz[k], dwz[k]
                     along += vec3(
                         p0 * z * d + p00 * z * e0 + p01 * z * e1 + p0 * dz * e2,

@@ -36,25 +36,13 @@ class Variant:
     """Whether there is an acceleration for every particle."""
     measures: bool = False
     """Whether the impulse of the walls is summed."""
-    split: bool = False
-    """Whether nodes keep forces apart although the scheme does not ask for it."""
     twice: bool = False
     """Whether the nodes are gone through twice although nothing else asks for it, as a backward pass needs."""
 
     @cached_property
-    def wide(self) -> bool:
-        """Whether a node keeps momentum and force apart."""
-        return self.scheme.splits or self.split
-
-    @cached_property
-    def width(self) -> int:
-        """Numbers a node."""
-        return 8 if self.wide else 4
-
-    @cached_property
     def two_passes(self) -> bool:
         """Whether nodes read their neighbours, so that a pass must end before the next begins."""
-        return self.wide or self.mirror or self.twice
+        return self.scheme.sharpen or self.mirror or self.twice
 
     @cached_property
     def vec3(self) -> Any:
@@ -66,12 +54,7 @@ class Variant:
 
     @cached_property
     def node_t(self) -> Any:
-        """Row of a node."""
-        return wp.types.vector(self.width, self.real)
-
-    @cached_property
-    def cell_t(self) -> Any:
-        """Row of a cell of the sharpening."""
+        """Row of a node: see ``transfer``."""
         return wp.types.vector(8, self.real)
 
     @cached_property

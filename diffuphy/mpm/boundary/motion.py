@@ -136,6 +136,4 @@ def pose(
         return Pose(np.asarray(place) + since * V, turn, still + V, still + w)
     offset, V = schedule.at("offsets", times)
     r, rate = schedule.at("rotations", times)
-    return Pose(
-        np.asarray(place) + offset, rotation_matrix(r), V, np.einsum("tij,tj->ti", left_jacobian(r), rate)
-    )
+    return Pose(np.asarray(place) + offset, rotation_matrix(r), V, np.einsum("tij,tj->ti", left_jacobian(r), rate))
