@@ -85,7 +85,9 @@ class Solver:
         st = wp.from_torch(status)
         now = [a.X, a.u, a.v, a.C, a.He, a.log_J]
         p2g = args.record(k.p2g, work.n, [*now, *mat, low, dx, dt, n, 0, grid, He_out, st])
-        grid_update = args.record(k.grid_update, span.grid.nodes, [grid, row, args.sdf, 0, args.kick(span), dx, n, grid_v])
+        grid_update = args.record(
+            k.grid_update, span.grid.nodes, [grid, row, args.sdf, 0, args.kick(span), dx, n, grid_v]
+        )
         g2p = args.record(
             k.g2p, work.n,
             [

@@ -10,7 +10,7 @@ S = V + ω × (x_i − c), that relative to it u = v_i − S, u_n = u·n and u_t
 The last line is Coulomb's law for the impulse: the normal impulse m |u_n| allows a tangential one of at most μ m |u_n|.
 """
 
-from functools import lru_cache
+from functools import cache
 from types import SimpleNamespace
 
 import warp as wp
@@ -19,11 +19,11 @@ from diffuphy.mpm.boundary.kernels_shapes import make_surface
 from diffuphy.mpm.boundary.layout import N_WALL, Signature
 
 
-@lru_cache
+@cache
 def _make_wall(shape: str, kind: str, rough: bool, turns: bool, real: type) -> SimpleNamespace:
     """Warp functions of one wall: the velocity after it, the adjoint of that, and the gradient in its row."""
     vec3, wall_t = wp.types.vector(3, real), wp.types.vector(N_WALL, real)
-    sticky, slip, separate = kind == "sticky", kind == "slip", kind == "separate"
+    sticky, separate = kind == "sticky", kind == "separate"
     surface = make_surface(shape, real)
 
     @wp.func(module="unique")
@@ -105,7 +105,7 @@ def _make_wall(shape: str, kind: str, rough: bool, turns: bool, real: type) -> S
     return SimpleNamespace(act=act, act_adjoint=act_adjoint, friction_bar=friction_bar, separate=separate)
 
 
-@lru_cache(maxsize=None)
+@cache
 def make_contact(walls: Signature, real: type) -> SimpleNamespace:
     """Warp functions of a list of walls, which act in order; without walls they are the identity.
 

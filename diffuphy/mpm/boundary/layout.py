@@ -1,11 +1,11 @@
 """Walls as data: one row of numbers for each wall and substep, which the kernels read and give gradients for.
 
-    0–2    n of a half-space, else the centre c, lengths from the lowest node of the grid [m]
-    3      offset n·c of a half-space, radius of a ball, 0 of the others; less (reach − SLACK) Δx [m]
-    4–6    V, 7 μ, 8 one while it acts, 9–11 ω, 12–14 c
-    15–23  axes of box, cylinder and mesh as columns of R, row by row
-    24–26  half edges of a box; radius and half height of a cylinder; first sample of a mesh in its frame [m]
-    27–31  of a mesh: 1/h [1/m], index of its first sample, samples along each axis
+0–2    n of a half-space, else the centre c, lengths from the lowest node of the grid [m]
+3      offset n·c of a half-space, radius of a ball, 0 of the others; less (reach − SLACK) Δx [m]
+4–6    V, 7 μ, 8 one while it acts, 9–11 ω, 12–14 c
+15–23  axes of box, cylinder and mesh as columns of R, row by row
+24–26  half edges of a box; radius and half height of a cylinder; first sample of a mesh in its frame [m]
+27–31  of a mesh: 1/h [1/m], index of its first sample, samples along each axis
 """
 
 import math

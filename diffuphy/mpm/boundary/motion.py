@@ -7,6 +7,7 @@ offset and r are piecewise linear; J(r) = 1 + (1 − cos θ)/θ² [r]× + (θ �
 of the rotation group, so that ω is exactly the angular velocity of R(t).
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -77,7 +78,7 @@ class Schedule:
 
     def __post_init__(self) -> None:
         times = tuple(float(t) for t in self.times)
-        if len(times) < 2 or not all(a < b for a, b in zip(times, times[1:], strict=False)):
+        if len(times) < 2 or not all(a < b for a, b in itertools.pairwise(times)):
             raise ValueError(f"times of a schedule must be at least two and increase, got {self.times}")
         if not all(math.isfinite(t) for t in times):
             raise ValueError(f"times of a schedule must be finite, got {self.times}")
@@ -127,7 +128,7 @@ class Pose:
 def pose(
     place: Vec, velocity: Vec, angular_velocity: Vec, schedule: Schedule | None, start: float, times: np.ndarray
 ) -> Pose:
-    """The motion of the module's equations at ``times`` (T,) [s]: the schedule's, or the constant one from ``start``."""
+    """The motion of the equations above at ``times`` (T,) [s]: the schedule's, or the constant one from ``start``."""
     since = (times - start)[:, None]
     if schedule is None:
         V, w = np.asarray(velocity), np.asarray(angular_velocity)
@@ -136,6 +137,4 @@ def pose(
         return Pose(np.asarray(place) + since * V, turn, still + V, still + w)
     offset, V = schedule.at("offsets", times)
     r, rate = schedule.at("rotations", times)
-    return Pose(
-        np.asarray(place) + offset, rotation_matrix(r), V, np.einsum("tij,tj->ti", left_jacobian(r), rate)
-    )
+    return Pose(np.asarray(place) + offset, rotation_matrix(r), V, np.einsum("tij,tj->ti", left_jacobian(r), rate))
