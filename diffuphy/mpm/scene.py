@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from diffuphy.mpm.boundary import Boundary, HalfSpace, Sphere, Vec, vector
+from diffuphy.mpm.drive import Drive, check_drives
 
 GRAVITY = 9.81
 """Standard gravity, rounded [m/s²]."""
@@ -31,6 +32,8 @@ class Scene:
     """Initial height of the lowest particle [m]; None leaves the particles where they are."""
     boundaries: tuple[Boundary, ...] = (HalfSpace(friction=0.5),)
     """Walls, which act in this order; see ``mpm.boundary``."""
+    drives: tuple[Drive, ...] = ()
+    """What else acts on particles: impulses, force fields, particles that are held; see ``mpm.drive``."""
     cfl: float = 0.4
     """Δt (c + |v|) / Δx, the cells that a wave crosses in a substep [-]. Explicit steps are stable to about 0.8; half
     of it leaves room for stiffening while a body is squeezed."""
@@ -48,6 +51,8 @@ class Scene:
         if not 0.0 < self.cfl <= 0.8:
             raise ValueError(f"cfl must be in (0, 0.8], got {self.cfl}: beyond 0.8 an explicit step is unstable")
         object.__setattr__(self, "boundaries", tuple(self.boundaries))
+        object.__setattr__(self, "drives", tuple(self.drives))
+        check_drives(self.drives)
         for k, b in enumerate(self.boundaries):
             if b.thickness < 3.0 * self.dx:
                 raise ValueError(

@@ -48,13 +48,18 @@ def cross_matrix(r: np.ndarray) -> np.ndarray:
     return out - np.swapaxes(out, -1, -2)
 
 
-def rotation_matrix(r: np.ndarray) -> np.ndarray:
-    """exp [r]× (Rodrigues), rotation vectors r [rad], shape (..., 3) → (..., 3, 3).
+def rotation_increment(r: np.ndarray) -> np.ndarray:
+    """exp [r]× − 1 to its own digits (Rodrigues), rotation vectors r [rad], shape (..., 3) → (..., 3, 3).
 
-    1 + (sin θ/θ) [r]× + ½ (sin(θ/2)/(θ/2))² [r]×², which has no division at θ = 0.
+    (sin θ/θ) [r]× + ½ (sin(θ/2)/(θ/2))² [r]×², which has no division at θ = 0.
     """
     theta, K = np.linalg.norm(r, axis=-1)[..., None, None], cross_matrix(r)
-    return np.eye(3) + np.sinc(theta / np.pi) * K + 0.5 * np.sinc(theta / (2 * np.pi)) ** 2 * (K @ K)
+    return np.sinc(theta / np.pi) * K + 0.5 * np.sinc(theta / (2 * np.pi)) ** 2 * (K @ K)
+
+
+def rotation_matrix(r: np.ndarray) -> np.ndarray:
+    """exp [r]×, shape (..., 3) → (..., 3, 3)."""
+    return np.eye(3) + rotation_increment(r)
 
 
 def left_jacobian(r: np.ndarray) -> np.ndarray:
