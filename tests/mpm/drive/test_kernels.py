@@ -248,7 +248,11 @@ ALL = (
     Attractor(center=(0.3, 0.1, -0.2), strength=2.0, radius=0.4, falloff=1.5, where=(0, 3, 5, 6, 7, 30, 31, 32)),
     Held(center=(0.1, 0.2, 0.3), velocity=(0.5, 0.0, -0.2), angular_velocity=(1.0, -2.0, 8.0), where=(1, 2, 3, 9, 11)),
     Vortex(
-        center=(-0.2, 0.0, 0.5), strength=-1.5, radius=0.3, falloff=0.5, region=InBox(low=(-2,) * 3, high=(0.9,) * 3)
+        center=(-0.2, 0.0, 0.5),
+        strength=-1.5,
+        radius=0.3,
+        falloff=0.5,
+        region=InBox(low=(-2, -2, -2), high=(0.9, 0.9, 0.9)),
     ),
     Drag(velocity=(0.5, -1.0, 0.2), time=0.05, quadratic=3.0),
     Release(point=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0), speed=0.1, where=InBall(center=(0.5, 0.5, 0.5), radius=0.7)),
@@ -294,7 +298,7 @@ def test_adjoints_are_those_of_accelerations_and_holds():
 
 
 def test_absent_drives_leave_no_code():
-    """No function of a list that only holds is an acceleration, and the other way round; none at all are the identity."""
+    """What only accelerates holds with the function of no drives, and the other way round; that one is the identity."""
     none, pushes, holds = (make_drives(drive_signature(d), wp.float64) for d in ((), ALL[:2], (ALL[3],)))
     assert pushes.hold is none.hold and pushes.hold_adjoint is none.hold_adjoint and not pushes.holds
     assert holds.accelerate is none.accelerate and holds.accelerate_adjoint is none.accelerate_adjoint
