@@ -7,14 +7,15 @@ import numpy as np
 import warp as wp
 
 from diffuphy.mpm import Grid
-from diffuphy.mpm.boundary import make_contact, rows, sdf_samples, signature
+from diffuphy.mpm.boundary import make_contact, sdf_samples, signature
 
 HERE = Grid(1.0, (0, 0, 0), (4, 4, 4))
 """A block whose lowest node is the origin, with Δx = 1 m."""
 
 
 @lru_cache
-def _kernels(walls, real):
+def kernels(walls, real):
+    """The kernel that evaluates a list of walls, and its types."""
     contact = make_contact(walls, real)
     apply, adjoint, adjoint_rows, wall_t = contact.apply, contact.adjoint, contact.adjoint_rows, contact.wall_t
     vec3 = wp.types.vector(3, real)
@@ -22,12 +23,13 @@ def _kernels(walls, real):
     @wp.kernel(module="unique", enable_backward=False)
     def evaluate(
         v: wp.array[vec3], r: wp.array[vec3], s: wp.array[wp.int32], row: wp.array2d[wall_t], sdf: wp.array[real],
-        v_bar: wp.array[vec3], o: wp.array[vec3], o_bar: wp.array[vec3], row_bar: wp.array2d[wall_t],
+        v_bar: wp.array[vec3], o: wp.array[vec3], o_bar: wp.array[vec3], same_bar: wp.array[vec3],
+        row_bar: wp.array2d[wall_t],
     ):  # fmt: skip
         p = wp.tid()
         o[p] = apply(v[p], r[p], row, sdf, s[p])
         o_bar[p] = adjoint(v[p], r[p], row, sdf, s[p], v_bar[p])
-        adjoint_rows(v[p], r[p], row, sdf, s[p], v_bar[p], row_bar)
+        same_bar[p] = adjoint_rows(v[p], r[p], row, sdf, s[p], v_bar[p], row_bar)
 
     return evaluate, vec3, wall_t
 
@@ -40,9 +42,9 @@ def contact(walls: Sequence, v, r, s, row, v_bar=None, real=wp.float64):
         s: row of each, shape (M,).
         row: from ``rows``.
     """
-    evaluate, vec3, wall_t = _kernels(signature(walls), real)
+    evaluate, vec3, wall_t = kernels(signature(walls), real)
     row_bar = wp.zeros(row.shape[:2], dtype=wall_t, device="cpu")
-    o, o_bar = (wp.zeros(len(v), dtype=vec3, device="cpu") for _ in range(2))
+    o, o_bar, same_bar = (wp.zeros(len(v), dtype=vec3, device="cpu") for _ in range(3))
     v_bar = np.zeros_like(v) if v_bar is None else v_bar
     sdf = wp.array(sdf_samples(walls), dtype=real, device="cpu")
     wp.launch(
@@ -56,10 +58,12 @@ def contact(walls: Sequence, v, r, s, row, v_bar=None, real=wp.float64):
             wp.array(v_bar, dtype=vec3, device="cpu"),
             o,
             o_bar,
+            same_bar,
             row_bar,
         ],
         device="cpu",
     )
+    assert np.array_equal(o_bar.numpy(), same_bar.numpy())
     return o.numpy(), o_bar.numpy(), row_bar.numpy()
 
 
@@ -97,6 +101,3 @@ def ball_mesh(n: int, radius: float) -> tuple[np.ndarray, np.ndarray]:
             faces += [(a + j, b + j, b + k), (a + j, b + k, a + k)]
         faces.append((1 + (n - 2) * m + j, south, 1 + (n - 2) * m + k))
     return x, np.array(faces)
-
-
-__all__ = ["HERE", "ball_mesh", "box_mesh", "contact", "coulomb", "rows"]

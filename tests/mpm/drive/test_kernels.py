@@ -306,3 +306,10 @@ def test_absent_drives_leave_no_code():
     x, v, _ = cloud()
     xs, vs, _ = fly((), x, v, np.zeros(1), 0.5)
     assert np.array_equal(vs[1], v) and np.array_equal(xs[1], x + 0.5 * v)
+
+
+def test_drives_compile_for_cuda(tmp_path):
+    """All kinds, forward and backward, to PTX; it needs no device."""
+    kernel = _kernels(drive_signature(ALL), wp.float32)[1]
+    wp.compile_aot_module(kernel.module, arch=80, module_dir=tmp_path, use_ptx=True)
+    assert len(list(tmp_path.glob("*.ptx"))) == 1
