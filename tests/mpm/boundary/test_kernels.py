@@ -105,11 +105,13 @@ def test_every_shape_obeys_the_law_of_contact(k):
 def test_float32_obeys_the_same_law():
     """A rough wall of each shape in float32, to a few rounding errors of numbers of size 3."""
     rough = WALLS[3::4]
+    row = rows(rough, HERE, np.array([wall.start + 0.4 for wall in rough]))
     for b in range(len(rough)):
         r, v, _ = nodes(4 * b + 3, np.random.default_rng(b), 60)
-        s, row = np.zeros(len(r), int), ROWS[4 * b + 3 : 4 * b + 4, 3::4]
-        single, _, _ = contact(rough, v, r, s, row, real=wp.float32)
-        np.testing.assert_allclose(single, contact(rough, v, r, s, row)[0], rtol=0, atol=3e-5)
+        single, double = (
+            contact(rough, v, r, np.full(len(r), b), row, real=real)[0] for real in (wp.float32, wp.float64)
+        )
+        np.testing.assert_allclose(single, double, rtol=0, atol=3e-5)
 
 
 def sliding(r, v, k, h=1e-4):
