@@ -2,6 +2,20 @@
 
 import diffuphy.compiling  # noqa: F401, sets Warp up before it starts
 from diffuphy.mpm.boundary import Boundary, Box, Cylinder, HalfSpace, Mesh, Schedule, Sphere, container
+from diffuphy.mpm.controls import Controls
+from diffuphy.mpm.drive import (
+    Acceleration,
+    Attractor,
+    Drag,
+    Drive,
+    Held,
+    Impulse,
+    InBall,
+    InBox,
+    InCylinder,
+    Release,
+    Vortex,
+)
 from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.rollout import FrameReport, rollout, simulate
 from diffuphy.mpm.sample import Sample, coarsen
@@ -11,6 +25,8 @@ from diffuphy.mpm.solver import Solver
 from diffuphy.mpm.state import Matter, Span, State
 
 __all__ = [
-    "SCENES", "Boundary", "Box", "Cylinder", "FrameReport", "Grid", "HalfSpace", "Matter", "Mesh", "Sample", "Scene",
-    "Schedule", "Solver", "Span", "Sphere", "State", "coarsen", "container", "rollout", "scene_for", "simulate",
+    "SCENES", "Acceleration", "Attractor", "Boundary", "Box", "Controls", "Cylinder", "Drag", "Drive", "FrameReport", "Grid",
+    "HalfSpace", "Held", "Impulse", "InBall", "InBox", "InCylinder", "Matter", "Mesh", "Release", "Sample", "Scene",
+    "Schedule", "Scheme", "Solver", "Span", "Sphere", "State", "Vortex", "coarsen", "container", "rollout", "scene_for",
+    "simulate",
 ]  # fmt: skip

@@ -97,13 +97,14 @@ class Arguments:
         return self.array(rows(self.boundaries, span.grid, times), kind)
 
     def driven(self, span: Span, matter: Matter) -> wp.array:
-        """Drive data of every round, over the time that its kick stands for."""
+        """Drive data of every round."""
         kind = make_drives(self.variant.drives, self.variant.real).drive_t
         if not self.drives:
             return wp.zeros((1, 0), dtype=kind, device=str(self.device))
-        kicks = span.table()[:, 1]
-        starts = span.start + np.concatenate([[0.0], np.cumsum(kicks)[:-1]])
-        return self.array(drive_rows(self.drives, span.grid, starts, kicks, matter.m, matter.tag), kind)
+        starts, kicks = span.start + span.dt * np.arange(span.steps), span.table()[:, 1]
+        assert matter.tag is not None
+        data = drive_rows(self.drives, span.grid, starts, span.dt, matter.m, matter.tag, kicks)
+        return self.array(data, kind)
 
     def nodal(self, name: str, count: int, kind: Any, clear: bool = False) -> wp.array:
         """A row a node, zero at first; kept between frames and made larger when a block needs it."""

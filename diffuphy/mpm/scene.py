@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from diffuphy.mpm.boundary import Boundary, HalfSpace, Sphere, Vec, vector
-from diffuphy.mpm.drive import Drive
+from diffuphy.mpm.drive import Drive, check_drives
 from diffuphy.mpm.scheme import Scheme
 
 GRAVITY = 9.81
@@ -33,14 +33,14 @@ class Scene:
     """Initial height of the lowest particle [m]; None leaves the particles where they are."""
     boundaries: tuple[Boundary, ...] = (HalfSpace(friction=0.5),)
     """Walls, which act in this order; see ``mpm.boundary``."""
+    drives: tuple[Drive, ...] = ()
+    """What else acts on particles: impulses, force fields, particles that are held; see ``mpm.drive``."""
     cfl: float = 0.4
     """Δt (c + |v|) / Δx, the cells that a wave crosses in a substep [-]. Explicit steps are stable to about 0.8; half
     of it leaves room for stiffening while a body is squeezed."""
 
     scheme: Scheme = Scheme()
     """Transfer between particles and grid, walls and time integration."""
-    drives: tuple[Drive, ...] = ()
-    """Forces on particles and prescribed motions; see ``mpm.drive``."""
 
     def __post_init__(self) -> None:
         for name in ("gravity", "velocity", "spin"):
@@ -56,6 +56,7 @@ class Scene:
             raise ValueError(f"cfl must be in (0, 0.8], got {self.cfl}: beyond 0.8 an explicit step is unstable")
         object.__setattr__(self, "boundaries", tuple(self.boundaries))
         object.__setattr__(self, "drives", tuple(self.drives))
+        check_drives(self.drives)
         for k, b in enumerate(self.boundaries):
             if b.thickness < 3.0 * self.dx:
                 raise ValueError(

@@ -14,8 +14,7 @@ from torch import Tensor
 
 from diffuphy.mpm.adjoint import Needs
 from diffuphy.mpm.boundary import N_WALL, Boundary, signature
-from diffuphy.mpm.drive import Drive
-from diffuphy.mpm.drive import signature as drive_signature
+from diffuphy.mpm.drive import Drive, drive_signature
 from diffuphy.mpm.gather import Sums
 from diffuphy.mpm.launch import Arguments, Bound, Lanes
 from diffuphy.mpm.mirror import Mirrors, mirrors

@@ -10,7 +10,7 @@ S = V + ω × (x_i − c), that relative to it u = v_i − S, u_n = u·n and u_t
 The last line is Coulomb's law for the impulse: the normal impulse m |u_n| allows a tangential one of at most μ m |u_n|.
 """
 
-from functools import cache, lru_cache
+from functools import cache
 from types import SimpleNamespace
 
 import warp as wp
@@ -19,11 +19,11 @@ from diffuphy.mpm.boundary.kernels_shapes import make_surface
 from diffuphy.mpm.boundary.layout import N_WALL, Signature
 
 
-@lru_cache
+@cache
 def _make_wall(shape: str, kind: str, rough: bool, turns: bool, real: type) -> SimpleNamespace:
     """Warp functions of one wall: the velocity after it, the adjoint of that, and the gradient in its row."""
     vec3, wall_t = wp.types.vector(3, real), wp.types.vector(N_WALL, real)
-    sticky, slip, separate = kind == "sticky", kind == "slip", kind == "separate"
+    sticky, separate = kind == "sticky", kind == "separate"
     surface = make_surface(shape, real)
 
     @wp.func(module="unique")
@@ -110,33 +110,42 @@ def make_contact(walls: Signature, real: type) -> SimpleNamespace:
     """Warp functions of a list of walls, which act in order; without walls they are the identity.
 
         apply(v, r, row, sdf, s) → v
-        adjoint(v, r, row, sdf, s, v_bar) → v_bar          with respect to the velocity before the walls
-        adjoint_rows(v, r, row, sdf, s, v_bar, row_bar)    adds to row_bar[s, b] the gradients in μ, V and ω of wall b
+        adjoint(v, r, row, sdf, s, v_bar) → v_bar
+        adjoint_rows(v, r, row, sdf, s, v_bar, row_bar) → v_bar
 
-    v is the velocity before all walls [m/s], v_bar the gradient in the velocity after them, r the node from the lowest
-    node of the grid [m], ``row`` the wall data of ``layout.rows``, ``sdf`` the samples of ``mesh.sdf_samples``, s the
-    row of this step. Gradients are exact within the branch a node is in; which nodes a wall governs, its normals and
-    its places are held fixed.
+    v is the velocity before all walls [m/s], v_bar the gradient in the velocity after them, and returned is that in v;
+    ``adjoint_rows`` moreover adds to row_bar[s, b] the gradients in μ, V and ω of each wall b. r is the node from the
+    lowest node of the grid [m], ``row`` the wall data of ``layout.rows``, ``sdf`` the samples of ``mesh.sdf_samples``,
+    s the row of this step. Gradients are exact within the branch a node is in; which nodes a wall governs, its normals
+    and its places are held fixed.
+    """
+    apply, adjoint, adjoint_rows = _make_chain(walls, 0, real)
+    wall_t = wp.types.vector(N_WALL, real)
+    return SimpleNamespace(apply=apply, adjoint=adjoint, adjoint_rows=adjoint_rows, wall_t=wall_t)
+
+
+@cache
+def _make_chain(walls: Signature, b: int, real: type) -> tuple[wp.Function, wp.Function, wp.Function]:
+    """Wall b and those after it: each function handles its wall and hands on to the function of the others.
+
+    No loop over wp.static(walls[b]): what a loop resolves is not part of the hash under which Warp keeps compiled
+    kernels, and two lists of walls of one length would share one kernel.
     """
     vec3, wall_t = wp.types.vector(3, real), wp.types.vector(N_WALL, real)
     if not walls:
-        return _no_walls(vec3, wall_t, real)
-
-    # One function around the other and no loop over wp.static(walls[b]): what a loop resolves is not part of the hash
-    # under which Warp keeps compiled kernels, and two lists of walls of one length would share one kernel.
-    before, last = make_contact(walls[:-1], real), len(walls) - 1
-    before_apply, before_adjoint, before_rows = before.apply, before.adjoint, before.adjoint_rows
-    wall = _make_wall(*walls[-1], real)
+        return _end(vec3, wall_t, real)
+    others, others_adjoint, others_rows = _make_chain(walls[1:], b + 1, real)
+    wall = _make_wall(*walls[0], real)
     act, act_adjoint, friction_bar, separate = wall.act, wall.act_adjoint, wall.friction_bar, wall.separate
 
     @wp.func(module="unique")
     def apply(v: vec3, r: vec3, row: wp.array2d[wall_t], sdf: wp.array[real], s: wp.int32) -> vec3:
-        return act(before_apply(v, r, row, sdf, s), r, row[s, last], sdf)
+        return others(act(v, r, row[s, b], sdf), r, row, sdf, s)
 
     @wp.func(module="unique")
     def adjoint(v: vec3, r: vec3, row: wp.array2d[wall_t], sdf: wp.array[real], s: wp.int32, v_bar: vec3) -> vec3:
-        o = before_apply(v, r, row, sdf, s)
-        return before_adjoint(v, r, row, sdf, s, act_adjoint(o, r, row[s, last], sdf, v_bar))
+        w = row[s, b]
+        return act_adjoint(v, r, w, sdf, others_adjoint(act(v, r, w, sdf), r, row, sdf, s, v_bar))
 
     @wp.func(module="unique")
     def adjoint_rows(
@@ -147,25 +156,28 @@ def make_contact(walls: Signature, real: type) -> SimpleNamespace:
         s: wp.int32,
         v_bar: vec3,
         row_bar: wp.array2d[wall_t],
-    ):
-        o, w = before_apply(v, r, row, sdf, s), row[s, last]
-        o_bar = act_adjoint(o, r, w, sdf, v_bar)
-        S_bar = v_bar - o_bar  # the result is S + f(v − S)
+    ) -> vec3:
+        w = row[s, b]
+        after = others_rows(act(v, r, w, sdf), r, row, sdf, s, v_bar, row_bar)
+        before = act_adjoint(v, r, w, sdf, after)
+        S_bar = after - before  # the result is S + f(v − S)
         if wp.dot(S_bar, S_bar) > real(0.0):
             w_bar = wp.cross(r - vec3(w[12], w[13], w[14]), S_bar)
             for k in range(3):
-                row_bar[s, last][4 + k] += S_bar[k]
-                row_bar[s, last][9 + k] += w_bar[k]
+                row_bar[s, b][4 + k] += S_bar[k]
+                row_bar[s, b][9 + k] += w_bar[k]
         if wp.static(separate):
-            mu_bar = friction_bar(o, r, w, sdf, v_bar)
+            mu_bar = friction_bar(v, r, w, sdf, after)
             if mu_bar != real(0.0):
-                row_bar[s, last][7] += mu_bar
-        before_rows(v, r, row, sdf, s, o_bar, row_bar)
+                row_bar[s, b][7] += mu_bar
+        return before
 
-    return SimpleNamespace(apply=apply, adjoint=adjoint, adjoint_rows=adjoint_rows, wall_t=wall_t)
+    return apply, adjoint, adjoint_rows
 
 
-def _no_walls(vec3: type, wall_t: type, real: type) -> SimpleNamespace:
+def _end(vec3: type, wall_t: type, real: type) -> tuple[wp.Function, wp.Function, wp.Function]:
+    """No walls: the identity."""
+
     @wp.func(module="unique")
     def apply(v: vec3, r: vec3, row: wp.array2d[wall_t], sdf: wp.array[real], s: wp.int32) -> vec3:
         return v
@@ -183,7 +195,7 @@ def _no_walls(vec3: type, wall_t: type, real: type) -> SimpleNamespace:
         s: wp.int32,
         v_bar: vec3,
         row_bar: wp.array2d[wall_t],
-    ):
-        pass
+    ) -> vec3:
+        return v_bar
 
-    return SimpleNamespace(apply=apply, adjoint=adjoint, adjoint_rows=adjoint_rows, wall_t=wall_t)
+    return apply, adjoint, adjoint_rows

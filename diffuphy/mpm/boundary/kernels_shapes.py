@@ -1,13 +1,13 @@
 """Normal and signed distance of each shape of wall, as Warp functions of a row of ``layout``."""
 
-from functools import lru_cache
+from functools import cache
 
 import warp as wp
 
 from diffuphy.mpm.boundary.layout import N_WALL
 
 
-@lru_cache
+@cache
 def make_surface(shape: str, real: type) -> wp.Function:
     """``surface(w, r, sdf) → (n, φ + (reach − SLACK) Δx)`` at r, from the lowest node [m].
 

@@ -46,9 +46,8 @@ class Mesh(Solid):
         if x.ndim != 2 or x.shape[1:] != (3,) or len(x) < 4:
             raise ValueError(f"vertices must have shape (V, 3) with V ≥ 4, got {x.shape}")
         if not np.isfinite(x).all():
-            raise ValueError(
-                f"vertices must be finite, got {x[k := int(np.argwhere(~np.isfinite(x))[0, 0])]} in row {k}"
-            )
+            k = int(np.argwhere(~np.isfinite(x))[0, 0])
+            raise ValueError(f"vertices must be finite, got {x[k].tolist()} in row {k}")
         if f.ndim != 2 or f.shape[1:] != (3,) or len(f) < 4 or f.dtype.kind not in "iu":
             raise ValueError(f"faces must be integers of shape (F, 3) with F ≥ 4, got {f.dtype} {f.shape}")
         if f.min() < 0 or f.max() >= len(x):

@@ -7,6 +7,7 @@ offset and r are piecewise linear; J(r) = 1 + (1 − cos θ)/θ² [r]× + (θ �
 of the rotation group, so that ω is exactly the angular velocity of R(t).
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -47,13 +48,18 @@ def cross_matrix(r: np.ndarray) -> np.ndarray:
     return out - np.swapaxes(out, -1, -2)
 
 
-def rotation_matrix(r: np.ndarray) -> np.ndarray:
-    """exp [r]× (Rodrigues), rotation vectors r [rad], shape (..., 3) → (..., 3, 3).
+def rotation_increment(r: np.ndarray) -> np.ndarray:
+    """exp [r]× − 1 to its own digits (Rodrigues), rotation vectors r [rad], shape (..., 3) → (..., 3, 3).
 
-    1 + (sin θ/θ) [r]× + ½ (sin(θ/2)/(θ/2))² [r]×², which has no division at θ = 0.
+    (sin θ/θ) [r]× + ½ (sin(θ/2)/(θ/2))² [r]×², which has no division at θ = 0.
     """
     theta, K = np.linalg.norm(r, axis=-1)[..., None, None], cross_matrix(r)
-    return np.eye(3) + np.sinc(theta / np.pi) * K + 0.5 * np.sinc(theta / (2 * np.pi)) ** 2 * (K @ K)
+    return np.sinc(theta / np.pi) * K + 0.5 * np.sinc(theta / (2 * np.pi)) ** 2 * (K @ K)
+
+
+def rotation_matrix(r: np.ndarray) -> np.ndarray:
+    """exp [r]×, shape (..., 3) → (..., 3, 3)."""
+    return np.eye(3) + rotation_increment(r)
 
 
 def left_jacobian(r: np.ndarray) -> np.ndarray:
@@ -77,7 +83,7 @@ class Schedule:
 
     def __post_init__(self) -> None:
         times = tuple(float(t) for t in self.times)
-        if len(times) < 2 or not all(a < b for a, b in zip(times, times[1:], strict=False)):
+        if len(times) < 2 or not all(a < b for a, b in itertools.pairwise(times)):
             raise ValueError(f"times of a schedule must be at least two and increase, got {self.times}")
         if not all(math.isfinite(t) for t in times):
             raise ValueError(f"times of a schedule must be finite, got {self.times}")
@@ -127,7 +133,7 @@ class Pose:
 def pose(
     place: Vec, velocity: Vec, angular_velocity: Vec, schedule: Schedule | None, start: float, times: np.ndarray
 ) -> Pose:
-    """The motion of the module's equations at ``times`` (T,) [s]: the schedule's, or the constant one from ``start``."""
+    """The motion of the equations above at ``times`` (T,) [s]: the schedule's, or the constant one from ``start``."""
     since = (times - start)[:, None]
     if schedule is None:
         V, w = np.asarray(velocity), np.asarray(angular_velocity)
