@@ -25,8 +25,8 @@ from diffuphy.mpm.solver import Solver
 from diffuphy.mpm.state import Matter, Span, State
 
 __all__ = [
-    "SCENES", "Acceleration", "Attractor", "Boundary", "Box", "Controls", "Cylinder", "Drag", "Drive", "FrameReport", "Grid",
-    "HalfSpace", "Held", "Impulse", "InBall", "InBox", "InCylinder", "Matter", "Mesh", "Release", "Sample", "Scene",
-    "Schedule", "Scheme", "Solver", "Span", "Sphere", "State", "Vortex", "coarsen", "container", "rollout", "scene_for",
-    "simulate",
+    "SCENES", "Acceleration", "Attractor", "Boundary", "Box", "Controls", "Cylinder", "Drag", "Drive",
+    "FrameReport", "Grid", "HalfSpace", "Held", "Impulse", "InBall", "InBox", "InCylinder", "Matter", "Mesh",
+    "Release", "Sample", "Scene", "Schedule", "Scheme", "Solver", "Span", "Sphere", "State", "Vortex", "coarsen",
+    "container", "rollout", "scene_for", "simulate",
 ]  # fmt: skip

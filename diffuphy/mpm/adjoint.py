@@ -51,7 +51,7 @@ def _make_g2p_adjoint(variant: Variant) -> wp.Kernel:
     driven, classic, keeps = len(drives) > 0, variant.scheme.force == "classic", variant.scheme.keeps
     turns = variant.scheme.retain > 0.0
     drive = make_drives(drives, real)
-    drive_t, hold, hold_adjoint = drive.drive_t, drive.hold, drive.hold_adjoint
+    drive_t, hold_adjoint = drive.drive_t, drive.hold_adjoint
     inverse = real(1 / variant.scheme.inertia)
 
     @wp.kernel(module="unique", enable_backward=False)

@@ -4,6 +4,7 @@ import contextlib
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -48,13 +49,13 @@ class Lanes:
         """The particles of each thread: whole lanes."""
         lanes, total = self.copies * self.scenes, self.particles * self.scenes
         cuts = [min(total, self.per * (lanes * t // self.threads)) for t in range(self.threads + 1)]
-        return [(a, b - a) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+        return [(a, b - a) for a, b in pairwise(cuts)]
 
     def of_nodes(self, nodes: int) -> list[Range]:
         """The nodes of each thread."""
         total = nodes * self.scenes
         cuts = [total * t // self.threads for t in range(self.threads + 1)]
-        return [(a, b - a) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+        return [(a, b - a) for a, b in pairwise(cuts)]
 
 
 class Arguments:

@@ -64,8 +64,8 @@ def _grid(b: Bound, sums: Sums | None) -> Phases:
 
 
 def backward(b: Bound, bars: Bars, needs: Needs, flowed: tuple[wp.array, wp.array]) -> Program:
-    """One round backwards. The grid is computed again first, in two passes; ``bars`` go from the end of the round to its
-    beginning."""
+    """One round backwards. The grid is computed again first, in two passes; ``bars`` go from the end of the round to
+    its beginning."""
     v, args, a = b.variant, b.args, b.arrays
     k, nodes = make_adjoint(v), make_nodes_adjoint(v)
     lanes, count = args.lanes, b.span.grid.nodes * args.lanes.scenes
