@@ -95,6 +95,8 @@ class Arguments:
         if not self.boundaries:
             return wp.zeros((1, 0), dtype=kind, device=str(self.device))
         times = span.start + span.dt * np.arange(1 if self.still else span.steps)
+        if span.half_kick and not self.still:  # the last kick belongs to what ends with the frame
+            times[-1] -= 1e-6 * span.dt
         return self.array(rows(self.boundaries, span.grid, times), kind)
 
     def driven(self, span: Span, matter: Matter) -> wp.array:

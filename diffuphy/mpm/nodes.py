@@ -93,7 +93,7 @@ def _make_move(v: Variant) -> wp.Kernel:
     real, vec3, node_t, step_t = v.real, v.vec3, v.node_t, v.step_t
     contact, index, summed = make_contact(v.walls, real), make_places().index, make_reflection(v).summed
     apply, wall_t, has_walls = contact.apply, contact.wall_t, len(v.walls) > 0
-    two_passes, measures, free = v.two_passes, v.measures, make_free(v)
+    two_passes, measures, mirror, free = v.two_passes, v.measures, v.mirror, make_free(v)
 
     @wp.kernel(module="unique", enable_backward=False)
     def move(
@@ -118,7 +118,7 @@ def _make_move(v: Variant) -> wp.Kernel:
         scene = o // nodes
         base = scene * nodes
         r, m = node_t(), real(0.0)
-        if wp.static(measures or not two_passes):
+        if wp.static((measures and mirror) or not two_passes):
             r = summed(grid, o - base, scene, lanes, nodes)
             m = r[3]
         if wp.static(two_passes):
@@ -134,11 +134,16 @@ def _make_move(v: Variant) -> wp.Kernel:
             else:
                 v0 = vec3(r[0], r[1], r[2]) / m
                 u = v0 + vec3(r[4], r[5], r[6]) / m + g
+            before = u
             if wp.static(has_walls):
                 u = apply(u, dx * vec3(real(at[0]), real(at[1]), real(at[2])), row, sdf, ws)
             grid_v[o] = node_t(u[0], u[1], u[2], real(0.0), v0[0], v0[1], v0[2], real(0.0))
-            if wp.static(measures):  # what came out less what stress, gravity and inertia brought
-                impulse[o] = impulse[o] + (r[3] * (u - g) - vec3(r[0] + r[4], r[1] + r[5], r[2] + r[6]))
+            if wp.static(measures and mirror):  # all that changes the momentum but stress and gravity
+                alpha = steps[s][2]
+                q, force = vec3(r[0], r[1], r[2]), vec3(r[4], r[5], r[6])
+                impulse[o] = impulse[o] + (r[3] * (u - alpha * v0 - g) - (real(1.0) - alpha) * q - force)
+            elif wp.static(measures):
+                impulse[o] = impulse[o] + m * (u - before)
             for lane in range(lanes):
                 grid[(scene * lanes + lane) * nodes + o - base] = node_t()
 
