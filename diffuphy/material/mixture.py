@@ -108,15 +108,6 @@ class Mixture:
     def Kp(self) -> int:
         return len(self.laws_p)
 
-    memory = ()
-    branches = ()
-    branch_stress = None
-    branch_stress_adjoint = None
-
-    @property
-    def memory_t(self):
-        return wp.types.vector(1, self.real)
-
     @property
     def is_plastic(self) -> bool:
         return self.plastic

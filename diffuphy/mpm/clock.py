@@ -13,10 +13,11 @@ import math
 import torch
 
 from diffuphy.material import wave_speed
+from diffuphy.mpm.diagnostics import waves
 from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.scene import Scene
 from diffuphy.mpm.solver import Solver
-from diffuphy.mpm.state import Matter, Span, State, stretches
+from diffuphy.mpm.state import Matter, Span, State
 from diffuphy.types import MaterialField, SimulationDiverged
 
 STABLE = 0.8
@@ -34,9 +35,9 @@ class Clock:
     """
 
     def __init__(self, scene: Scene, solver: Solver, field: MaterialField, matter: Matter, dt: float | None):
-        self.scene, self.solver, self.dt = scene, solver, dt
+        self.scene, self.solver, self.matter, self.dt = scene, solver, matter, dt
         theta = dict(zip(solver.mixture.params, matter.theta.T, strict=True))
-        rest = wave_speed(tuple(field.elastic), matter.w_e, theta, matter.m / matter.vol)
+        rest = wave_speed(tuple(field.elastic), matter.w_e, theta, matter.m / matter.vol, tuple(field.branches))
         self.rest = rest.detach()
         retain = scene.scheme.retain
         self.rate = rest.max() / (retain * scene.dx) if retain > 0.0 else None
@@ -49,10 +50,7 @@ class Clock:
 
     def stiff(self, state: State) -> float:
         """Fastest wave in the present stretch [m/s]."""
-        low, high = stretches(state.He.detach())
-        # Waves in space run at c s in extension and c √(1 + |ln s|) in compression, for every elastic law of the
-        # library or slower; the closed form of s has no digits below 1e-3 in float32, and the root hardly grows there.
-        return float((self.rest * torch.maximum(high, (1 - low.clamp(1e-3, 1).log()).sqrt())).max())
+        return float(waves(self.solver.mixture, state, self.matter).max())
 
     def speed(self, state: State) -> float:
         """A bound on the speed of a particle in the next frame [m/s]."""

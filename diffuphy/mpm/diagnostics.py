@@ -53,47 +53,59 @@ def diagnose(mixture: Any, state: State, matter: Matter, dx: float, scheme: Sche
     )
 
 
+def waves(mixture: Any, state: State, matter: Matter) -> Tensor:
+    """Fastest wave of each particle in its present state, shape (N,) [m/s]; see ``material.wave``. NaN where
+    det F ≤ 0."""
+    return (_evaluate(mixture, state, matter, "wave") * (matter.vol / matter.m).detach()).sqrt()
+
+
 def _energy(mixture: Any, state: State, matter: Matter) -> Tensor:
     """ψ of each particle, shape (N,) [Pa]."""
+    return _evaluate(mixture, state, matter, "energy")
+
+
+def _evaluate(mixture: Any, state: State, matter: Matter, what: str) -> Tensor:
     wp.init()
     real = REAL[state.x.dtype]
     with LOCK:
-        kernel = _make_energy(mixture, real)
-    psi = torch.empty_like(matter.m)
+        kernel = _make_evaluate(mixture, real, what)
+    out = torch.empty_like(matter.m)
     arrays = (
         (state.He, mixture.mat33),
         (state.memory, mixture.memory_t),
         (matter.w_e, mixture.w_e_t),
         (matter.w_p, mixture.w_p_t),
         (matter.theta, mixture.theta_t),
-        (psi, real),
+        (out, real),
     )
-    inputs = [view(None if t is None else t.contiguous(), d, psi.device) for t, d in arrays]
-    wp.launch(kernel, dim=len(psi), inputs=inputs, device=str(psi.device))
-    return psi
+    inputs = [view(None if t is None else t.contiguous(), d, out.device) for t, d in arrays]
+    with LOCK:
+        wp.launch(kernel, dim=len(out), inputs=inputs, device=str(out.device))
+    return out
 
 
 @lru_cache
-def _make_energy(mixture: Any, real: type) -> wp.Kernel:
+def _make_evaluate(mixture: Any, real: type, what: str) -> wp.Kernel:
+    """A kernel of one scalar function of the elastic deformation after what flows in no time has flowed."""
     mat33, w_e_t, w_p_t, theta_t = mixture.mat33, mixture.w_e_t, mixture.w_p_t, mixture.theta_t
-    memory, memory_t = len(mixture.memory) > 0, mixture.memory_t
-    stress, density, eye = mixture.stress, mixture.energy, make_spline(real).eye
+    memory, memory_t, plastic = len(mixture.memory) > 0, mixture.memory_t, mixture.is_plastic
+    stress, scalar, eye = mixture.stress, getattr(mixture, what), make_spline(real).eye
 
     @wp.kernel(module="unique", enable_backward=False)
-    def energy(
+    def evaluate(
         He: wp.array[mat33],
         memory_in: wp.array[memory_t],
         w_e: wp.array[w_e_t],
         w_p: wp.array[w_p_t],
         theta: wp.array[theta_t],
-        psi: wp.array[real],
+        out: wp.array[real],
     ):
         p = wp.tid()
         F = eye() + He[p]
-        if wp.static(memory):  # in no time only what flows at once has flowed
-            _tau, Fe, _h = stress(F, w_e[p], w_p[p], theta[p], real(0.0), memory_in[p])
-        else:
-            _tau, Fe = stress(F, w_e[p], w_p[p], theta[p], real(0.0))
-        psi[p] = density(Fe, w_e[p], theta[p])
+        if wp.static(memory):
+            _tau, F, _h = stress(F, w_e[p], w_p[p], theta[p], real(0.0), memory_in[p])
+        elif wp.static(plastic):
+            _tau, F = stress(F, w_e[p], w_p[p], theta[p], real(0.0))
+        out[p] = scalar(F, w_e[p], theta[p])
 
-    return energy
+    return evaluate

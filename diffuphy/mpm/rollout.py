@@ -185,7 +185,7 @@ def simulate(
     check(x, vol, field)
     check_gather(gather)
     _check_options(gather, report, segment, scenes, len(x), threads)
-    mixture = make_mixture(tuple(field.elastic), tuple(field.plastic), REAL[x.dtype])
+    mixture = make_mixture(tuple(field.elastic), tuple(field.plastic), REAL[x.dtype], tuple(field.branches))
     matter = make_matter(field, vol, mixture.params, x.dtype, grad)
     if state is None:
         state = initial_state(
