@@ -208,10 +208,11 @@ def _span(scene: Scene, state: State, c: Tensor, dt: float | None) -> tuple[Span
     """Time step and block of the next frame; and the bound on the speed."""
     T, dx = 1.0 / scene.fps, scene.dx
     x, v, He = state.x.detach(), state.v.detach(), state.He.detach()
+    ends = x.amin(0).tolist(), x.amax(0).tolist()
     speed = (
         float(v.norm(dim=1).max())
         + math.hypot(*scene.gravity) * T
-        + max((b.speed for b in scene.boundaries), default=0.0)
+        + max((b.speed_within(*ends, state.time) for b in scene.boundaries), default=0.0)
     )
     low, high = stretches(He)
     # Waves in space run at c s in extension and c √(1 + |ln s|) in compression, for every elastic law of the library
