@@ -54,7 +54,9 @@ class Clock:
 
     def speed(self, state: State) -> float:
         """A bound on the speed of a particle in the next frame [m/s]."""
-        walls = max((b.speed for b in self.scene.boundaries), default=0.0)
+        x = state.x.detach()
+        ends = x.amin(0).tolist(), x.amax(0).tolist()
+        walls = max((b.speed_within(*ends, state.time) for b in self.scene.boundaries), default=0.0)
         return float(state.v.detach().norm(dim=1).max()) + math.hypot(*self.scene.gravity) / self.scene.fps + walls
 
     def span(self, state: State) -> Span:

@@ -38,6 +38,24 @@ def signature(boundaries: Sequence[Boundary]) -> Signature:
     return tuple((type(b).__name__, b.kind, b.friction > 0.0, b.turns) for b in boundaries)
 
 
+def wall_gradients(
+    boundaries: Sequence[Boundary], times: np.ndarray, row_bar: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gradients in ``friction`` (walls,), ``velocity`` (walls, 3) and ``angular_velocity`` (walls, 3) of the walls.
+
+    Sums over steps of those in the rows, which ``adjoint_rows`` made; a wall that has come to its ``end`` stands,
+    whatever its velocity. Of a wall on a schedule they are those in what is added to its velocities. That a faster wall
+    is elsewhere later, where it governs other nodes, is left out.
+
+    Args:
+        times: those of ``rows``, shape (steps,) [s].
+        row_bar: gradients in its result, shape (steps, walls, N_WALL).
+    """
+    moves = np.stack([times < b.end for b in boundaries], axis=1)[..., None]
+    friction = row_bar[..., FRICTION].sum(0)
+    return friction, (row_bar[..., VELOCITY] * moves).sum(0), (row_bar[..., ANGULAR_VELOCITY] * moves).sum(0)
+
+
 def rows(boundaries: Sequence[Boundary], grid: Grid, times: np.ndarray) -> np.ndarray:
     """The walls as data, shape (steps, walls, N_WALL), lengths from the lowest node of ``grid`` [m].
 
