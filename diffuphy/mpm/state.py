@@ -296,16 +296,3 @@ def check_state(state: State, mixture: Any) -> None:
                 f"the laws {(*mixture.laws_p, *mixture.branches)} need {name} in the state to go on from, which has "
                 "none; start from one of theirs"
             )
-
-
-def stretches(H: Tensor) -> tuple[Tensor, Tensor]:
-    """Smallest and largest principal stretch of F = I + H, each of shape (N,): square roots of eigenvalues of FᵀF
-    (Smith 1961)."""
-    A = H + H.mT + H.mT @ H  # FᵀF − I
-    q = A.diagonal(dim1=-2, dim2=-1).mean(-1)
-    B = A - q[:, None, None] * torch.eye(3, dtype=H.dtype, device=H.device)
-    p = ((B * B).sum((-2, -1)) / 6).sqrt()
-    det = (B[:, 0] * torch.linalg.cross(B[:, 1], B[:, 2])).sum(-1)
-    phi = torch.acos((det / (2 * p**3).clamp_min(torch.finfo(H.dtype).tiny)).clamp(-1, 1)) / 3
-    high, low = q + 2 * p * torch.cos(phi), q + 2 * p * torch.cos(phi + 2 * math.pi / 3)
-    return (1 + low).clamp_min(0).sqrt(), (1 + high).clamp_min(0).sqrt()
