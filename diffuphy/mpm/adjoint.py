@@ -18,6 +18,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from diffuphy.mpm.adjoint_g2p import make_g2p_adjoint
+from diffuphy.mpm.boundary import make_contact
 from diffuphy.mpm.drive import make_drives
 from diffuphy.mpm.rows import make_rows
 from diffuphy.mpm.transfer import make_transfer
@@ -54,6 +55,8 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
     drive_t, accelerate, accelerate_adjoint = drive.drive_t, drive.accelerate, drive.accelerate_adjoint
     hold, hold_adjoint = drive.hold, drive.hold_adjoint
     inverse = real(1 / variant.scheme.inertia)
+    contact, elastic, placed = make_contact(variant.walls, real, variant.scheme.order), variant.elastic, rows.placed
+    nearest, wall_t = contact.nearest, contact.wall_t
 
     @wp.kernel(module="unique", enable_backward=False)
     def p2g_adjoint(
@@ -72,6 +75,9 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
         b: wp.array[vec3],
         tag: wp.array[wp.int32],
         drive_row: wp.array2d[drive_t],
+        wall_row: wp.array2d[wall_t],
+        sdf: wp.array[real],
+        ws: wp.int32,
         low: vec3,
         dx: real,
         n: wp.vec3i,
@@ -132,19 +138,26 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
         q3, f3 = m_p * v_p - A * f, (kick * m_p) * a_p
         base = (p // per_scene) * (n[0] * n[1] * n[2])
         tau_bar = mat33()
+        brought = row(q3, m_p, f3)
+        if wp.static(not classic):
+            k *= inverse
+            T = k * tau
+            brought = row(q3, m_p, f3 - T * f)
+        phi, normal = real(0.0), vec3()
+        if wp.static(elastic):
+            phi, normal = nearest(place, dx, wall_row, sdf, ws)
+            brought = placed(brought, phi)
         if wp.static(classic):
             sum, m0, m1, m2, g0, g1, g2, along = scatter_adjoint(
-                bar, base, n, bx, by, bz, f, row(q3, m_p, f3),
+                bar, base, n, bx, by, bz, f, brought,
                 row(column(A, 0), o, z), row(column(A, 1), o, z), row(column(A, 2), o, z),
                 row(z, o, column(T, 0)), row(z, o, column(T, 1)), row(z, o, column(T, 2)),
             )  # fmt: skip
             tau_bar = k * wp.matrix_from_cols(second(g0), second(g1), second(g2))
             along -= wp.transpose(A) * first(sum)
         else:
-            k *= inverse
-            T = k * tau
             sum, m0, m1, m2, along = scatter_adjoint(
-                bar, base, n, bx, by, bz, f, row(q3, m_p, f3 - T * f),
+                bar, base, n, bx, by, bz, f, brought,
                 row(column(A, 0), o, column(T, 0)),
                 row(column(A, 1), o, column(T, 1)),
                 row(column(A, 2), o, column(T, 2)),
@@ -158,6 +171,8 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
             r_b, v_a = accelerate_adjoint(place, v_p, tag[p], drive_row, s, (kick * m_p) * S_f)
             r_h, v_b, C_b = hold_adjoint(place, v[r], C[r], tag[p], drive_row, s, v_b + v_a, C_b)
             x_b += r_b + r_h
+        if wp.static(elastic):
+            x_b += (m_p * sum[7] * idx) * normal
         x_bar[p] = x_bar[p] + x_b
         v_bar[p] = v_bar[p] + v_b
         C_bar[p] = C_bar[p] + C_b
@@ -181,5 +196,7 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
             theta_bar[p] = theta_bar[p] + th_b
         if need_m:
             m_bar[p] = m_bar[p] + wp.dot(S, v_p) + dx * wp.ddot(A_bar, C_p) + sum[3] + kick * wp.dot(S_f, a_p)
+            if wp.static(elastic):
+                m_bar[p] = m_bar[p] + sum[7] * phi
 
     return p2g_adjoint

@@ -20,6 +20,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from diffuphy.mpm.boundary import make_contact
 from diffuphy.mpm.drive import make_drives
 from diffuphy.mpm.rows import make_rows
 from diffuphy.mpm.transfer import make_transfer
@@ -52,6 +53,8 @@ def _make_p2g(variant: Variant) -> wp.Kernel:
     drive = make_drives(drives, real)
     drive_t, accelerate, hold = drive.drive_t, drive.accelerate, drive.hold
     inverse = real(1 / variant.scheme.inertia)
+    contact, elastic, placed = make_contact(variant.walls, real, variant.scheme.order), variant.elastic, rows.placed
+    nearest, wall_t = contact.nearest, contact.wall_t
 
     @wp.kernel(module="unique", enable_backward=False)
     def p2g(
@@ -70,6 +73,9 @@ def _make_p2g(variant: Variant) -> wp.Kernel:
         b: wp.array[vec3],  # (N,) [m/s²]  only with a body acceleration
         tag: wp.array[wp.int32],  # (N,)  only with drives
         drive_row: wp.array2d[drive_t],  # (substeps, drives)
+        wall_row: wp.array2d[wall_t],  # (substeps, walls)  only with elastic walls
+        sdf: wp.array[real],
+        ws: wp.int32,  # row of this substep
         low: vec3,  # [m]  lowest node
         dx: real,
         n: wp.vec3i,  # nodes along each axis
@@ -129,16 +135,22 @@ def _make_p2g(variant: Variant) -> wp.Kernel:
             f3 += (kick * m_p) * a_p
         z, o = vec3(), real(0.0)
         base = (p // per) * (n[0] * n[1] * n[2])
+        brought = row(q3, m_p, f3)
+        if wp.static(not classic):
+            T = inverse * T
+            brought = row(q3, m_p, f3 - T * f)
+        if wp.static(elastic):
+            phi, _n = nearest(place, dx, wall_row, sdf, ws)
+            brought = placed(brought, phi)
         if wp.static(classic):
             scatter(
-                grid, base, n, bx, by, bz, f, row(q3, m_p, f3),
+                grid, base, n, bx, by, bz, f, brought,
                 row(column(A, 0), o, z), row(column(A, 1), o, z), row(column(A, 2), o, z),
                 row(z, o, column(T, 0)), row(z, o, column(T, 1)), row(z, o, column(T, 2)),
             )  # fmt: skip
         else:
-            T = inverse * T
             scatter(
-                grid, base, n, bx, by, bz, f, row(q3, m_p, f3 - T * f),
+                grid, base, n, bx, by, bz, f, brought,
                 row(column(A, 0), o, column(T, 0)),
                 row(column(A, 1), o, column(T, 1)),
                 row(column(A, 2), o, column(T, 2)),

@@ -107,7 +107,7 @@ class Arguments:
         times = span.start + span.dt * np.arange(1 if self.still else span.steps)
         if span.half_kick and not self.still:  # the last kick belongs to what ends with the frame
             times[-1] -= 1e-6 * span.dt
-        return self.array(rows(self.boundaries, span.grid, times), kind)
+        return self.array(rows(self.boundaries, span.grid, times, self.variant.scheme.contact == "elastic"), kind)
 
     def driven(self, span: Span, matter: Matter) -> wp.array:
         """Drive data of every round."""

@@ -21,6 +21,11 @@ def _make_rows(v: Variant) -> SimpleNamespace:
         return node_t(q[0], q[1], q[2], m, f[0], f[1], f[2], real(0.0))
 
     @wp.func(module="unique")
+    def placed(r: node_t, phi: real) -> node_t:
+        """The row with mass times the distance to a wall."""
+        return node_t(r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[3] * phi)
+
+    @wp.func(module="unique")
     def first(r: node_t) -> vec3:
         return vec3(r[0], r[1], r[2])
 
@@ -68,6 +73,6 @@ def _make_rows(v: Variant) -> SimpleNamespace:
         return wp.log(u) * (y / (u - real(1.0)))
 
     return SimpleNamespace(
-        row=row, first=first, second=second, column=column, moments=moments, affine=affine,
+        row=row, placed=placed, first=first, second=second, column=column, moments=moments, affine=affine,
         carried_adjoint=carried_adjoint, log_det=log_det,
     )  # fmt: skip

@@ -21,7 +21,9 @@ from diffuphy.mpm.boundary.layout import N_WALL, Signature
 
 
 @cache
-def _make_wall(shape: str, kind: str, rough: bool, turns: bool, elastic: bool, order: int, real: type) -> SimpleNamespace:
+def _make_wall(
+    shape: str, kind: str, rough: bool, turns: bool, elastic: bool, order: int, real: type
+) -> SimpleNamespace:
     """Warp functions of one wall: the velocity after it, the adjoint of that, and the gradient in its row."""
     vec3, wall_t = wp.types.vector(3, real), wp.types.vector(N_WALL, real)
     sticky, separate = kind == "sticky", kind == "separate"
@@ -107,7 +109,9 @@ def _make_wall(shape: str, kind: str, rough: bool, turns: bool, elastic: bool, o
                 return u_n * wp.dot(t, o_bar) / length
         return real(0.0)
 
-    return SimpleNamespace(act=act, act_adjoint=act_adjoint, friction_bar=friction_bar, separate=separate, elastic=False)
+    return SimpleNamespace(
+        act=act, act_adjoint=act_adjoint, friction_bar=friction_bar, separate=separate, elastic=False
+    )
 
 
 @cache

@@ -38,7 +38,9 @@ N_WALL = 32
 def signature(boundaries: Sequence[Boundary], elastic: bool = False) -> Signature:
     """What is compiled into the kernels: shape, kind, whether there is friction, whether it turns and, of walls that
     separate, whether they are elastic; everything else is data."""
-    return tuple((type(b).__name__, b.kind, b.friction > 0.0, b.turns, elastic and b.kind == "separate") for b in boundaries)
+    return tuple(
+        (type(b).__name__, b.kind, b.friction > 0.0, b.turns, elastic and b.kind == "separate") for b in boundaries
+    )
 
 
 def wall_gradients(
