@@ -48,9 +48,13 @@ class Clock:
         """Fastest wave at rest [m/s]."""
         return float(self.rest.max())
 
+    def pace(self, state: State) -> torch.Tensor:
+        """Fastest wave of each particle in the present stretch, shape (N,) [m/s]."""
+        return waves(self.solver.mixture, state, self.matter)
+
     def stiff(self, state: State) -> float:
-        """Fastest wave in the present stretch [m/s]."""
-        return float(waves(self.solver.mixture, state, self.matter).max())
+        """The fastest of them [m/s]."""
+        return float(self.pace(state).max())
 
     def speed(self, state: State) -> float:
         """A bound on the speed of a particle in the next frame [m/s]."""

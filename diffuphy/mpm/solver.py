@@ -5,7 +5,7 @@ Several solvers may run in several threads; one solver may not. Nothing here dec
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import torch
@@ -23,11 +23,49 @@ from diffuphy.mpm.scheme import Scheme
 from diffuphy.mpm.state import REAL, Bars, Matter, Rows, Span, State
 from diffuphy.mpm.variant import Variant
 
-SEGMENT_BYTES = 2**28
-"""Memory the stored substeps of one frame may take in the backward pass before they are cut into segments [byte]."""
+SEGMENT_BYTES = 3 * 2**24
+"""Memory the stored substeps of one frame may take in the backward pass before they are cut into segments [byte]; a
+frame of 100 substeps of 8000 particles in float32 fits in two segments."""
 
 Body = Callable[[float], Tensor]
 """Acceleration of every particle at a time [s], shape (N, 3) [m/s²]."""
+
+
+def state_bytes(state: State) -> int:
+    """Memory of one state [byte]."""
+    return sum(t.numel() * t.element_size() for t in state.tensors() if t is not None)
+
+
+def segment_of(steps: int, row: int, budget: int = SEGMENT_BYTES) -> int:
+    """How many of the ``steps`` rounds of a frame the backward pass keeps at once, when a state takes ``row`` bytes.
+
+    In c segments (1 − 1/c) of the rounds are run once more, and steps/c + c states are kept: the fewest segments that
+    fit into ``budget``, or √steps.
+    """
+    for c in range(1, round(steps**0.5) + 1):
+        if (-(-steps // c) + c) * row <= budget:
+            return -(-steps // c)
+    return max(1, round(steps**0.5))
+
+
+def backward_bytes(state: State, frames: int, steps: int, *, segment: int | None = None, keep: bool = False) -> int:
+    """Memory that states take in a backward pass through ``frames`` frames of ``steps`` rounds each [byte].
+
+        frames · row + rows of one frame at work,   kept: every round of every frame
+
+    Beside it there are the gradients, of the size of two states and the parameters, and six rows of eight numbers a
+    node (with several threads one more for each copy).
+
+    Args:
+        state: any state of the rollout.
+        steps: rounds of a frame, ``Span.steps``.
+        segment, keep: as for ``simulate``.
+    """
+    row = state_bytes(state)
+    if keep:
+        return frames * (steps + 1) * row
+    part = min(segment or segment_of(steps, row), steps)
+    return (frames + part + 1 + -(-steps // part) - 1) * row
 
 
 class Solver:
@@ -98,7 +136,7 @@ class Solver:
         with self._args.stream():
             work = Rows(self.variant, state, slots=span.steps + 1 if keep else 1)
             status = torch.zeros(3, dtype=torch.int32, device=self.device)
-            bound, before = self._bind(work, matter, span)
+            bound, before = self._bind(work, matter, state, span)
             a = work.arrays
             flowed = self._room(work.n) if keep else (a.He, a.HN)
             program = forward(bound, wp.from_torch(status), flowed, sums)
@@ -108,8 +146,23 @@ class Solver:
             end = State(state.x.detach() + u, v, C, He, H, memory, HN, span.end)
             return end, status.tolist(), work if keep else None
 
-    def _bind(self, work: Rows, matter: Matter, span: Span) -> tuple[Bound, Callable[[int], None] | None]:
-        """Arguments of a frame; and what is to be done before every round."""
+    def watch(self, state: State, matter: Matter, span: Span) -> Iterator[tuple[int, list[int], State]]:
+        """The rounds of ``span`` one by one, slowly: number, status as of ``advance``, and the state after it. What is
+        handed out last holds until the next is asked for."""
+        with self._args.stream():
+            work = Rows(self.variant, state, slots=1)
+            status = torch.zeros(3, dtype=torch.int32, device=self.device)
+            bound, before = self._bind(work, matter, state, span)
+            program = forward(bound, wp.from_torch(status), (work.arrays.He, work.arrays.HN))
+            for numbers in self._rounds(range(span.steps), 0):
+                program.run([numbers], before)
+                u, v, C, He, H, memory, HN = work.take(0)
+                assert u is not None and v is not None and C is not None and He is not None
+                time = min(span.start + (numbers["s"] + 1) * span.dt, span.end)
+                yield numbers["s"], status.tolist(), State(state.x.detach() + u, v, C, He, H, memory, HN, time)
+
+    def _bind(self, work: Rows, matter: Matter, state: State, span: Span) -> tuple[Bound, Callable[[int], None] | None]:
+        """Arguments of a frame that begins with ``state``; and what is to be done before every round."""
         body = self.body
         if body is None:
             return Bound(self._args, work, matter, span, None), None
@@ -148,6 +201,7 @@ class Solver:
         gravity: bool = False,
         walls: bool = False,
         alpha: bool = False,
+        watch: Callable[[int, Bars], None] | None = None,
     ) -> Bars:
         """Gradients with respect to ``state``, to (w_e, w_p, θ, m) and to the scene, given those with respect to the
         state after ``span``.
@@ -160,12 +214,13 @@ class Solver:
             needs: which of w_e, w_p, θ, m want one.
             kept: what ``advance`` kept; then nothing is run again.
             gravity, walls, alpha: whether gravity, the data of the walls and the retention want one.
+            watch: is told the number of every round that has been gone back through, and the gradients so far.
         """
         segment = span.steps if kept is not None else min(segment or self._segment(state, span), span.steps)
         with self._args.stream():
             starts = list(range(0, span.steps, segment))
             work = Rows(self.variant, state, slots=segment + 1) if kept is None else kept
-            bound, before = self._bind(work, matter, span)
+            bound, before = self._bind(work, matter, state, span)
             flowed = self._room(work.n)
             again = forward(bound, bound.status, flowed)
             bars = self._with_room(bars, matter, span, needs, gravity, walls, alpha)
@@ -181,13 +236,18 @@ class Solver:
                 rounds = self._rounds(range(s, min(s + segment, span.steps)), work.n)
                 if kept is None:
                     again.run(rounds, before)
-                back.run([r | {"to": 0} for r in reversed(rounds)], before)  # what p2g writes again is scratch
+                backwards = [r | {"to": 0} for r in reversed(rounds)]  # what p2g writes again is scratch
+                if watch is None:
+                    back.run(backwards, before)
+                else:
+                    for r in backwards:
+                        back.run([r], before)
+                        watch(r["s"], bars)
         return bars
 
     def _segment(self, state: State, span: Span) -> int:
         """Rounds that are kept at once unless told otherwise."""
-        row = sum(t[0].numel() for t in state.tensors() if t is not None) * state.x.element_size() * state.x.shape[0]
-        return span.steps if (span.steps + 1) * row <= SEGMENT_BYTES else max(1, round(span.steps**0.5))
+        return segment_of(span.steps, state_bytes(state))
 
     def _with_room(
         self, bars: Bars, matter: Matter, span: Span, needs: Needs, gravity: bool, walls: bool, alpha: bool
