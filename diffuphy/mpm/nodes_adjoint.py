@@ -40,7 +40,7 @@ def _make_move_adjoint(v: Variant) -> wp.Kernel:
     contact, index = make_contact(v.walls, real), make_places().index
     summed, free = make_reflection(v).summed, make_free(v)
     contact_adjoint, contact_rows, wall_t = contact.adjoint, contact.adjoint_rows, contact.wall_t
-    has_walls = len(v.walls) > 0
+    has_walls, sparse = len(v.walls) > 0, v.sparse
 
     @wp.kernel(module="unique", enable_backward=False)
     def move_adjoint(
@@ -54,11 +54,14 @@ def _make_move_adjoint(v: Variant) -> wp.Kernel:
         n: wp.vec3i,
         dx: real,
         start: wp.int32,
+        active: wp.array[wp.int32],  # rows that are worked on, only if sparse
         y: wp.array[node_t],  # (scenes · nodes,) v̄⁰ + g̅, –, g̅/m, –   out
         row_bar: wp.array2d[wall_t],  # of the wall data   in and out
         need_rows: bool,
     ):
         o = start + wp.tid()
+        if wp.static(sparse):
+            o = active[o]
         nodes = n[0] * n[1] * n[2]
         scene = o // nodes
         base = scene * nodes
@@ -84,7 +87,7 @@ def _make_move_adjoint(v: Variant) -> wp.Kernel:
 
 def _make_divide_adjoint(v: Variant) -> wp.Kernel:
     real, vec3, node_t, step_t, mirror, sharpen = v.real, v.vec3, v.node_t, v.step_t, v.mirror, v.scheme.sharpen
-    index, seen = make_places().index, make_reflection(v).seen
+    index, seen, sparse = make_places().index, make_reflection(v).seen, v.sparse
     sharpened = make_sharpening(v).sharpened if sharpen else None
     of_mass = make_sharpening(v).of_mass if sharpen else None
 
@@ -102,11 +105,14 @@ def _make_divide_adjoint(v: Variant) -> wp.Kernel:
         high: wp.vec3i,
         sticky: wp.vec3i,
         start: wp.int32,
+        active: wp.array[wp.int32],  # rows that are worked on, only if sparse
         out: wp.array[node_t],  # (scenes · nodes,) of momentum, mass and impulse   out
         gravity_bar: wp.array[vec3],  # (scenes · nodes,)   in and out; one row a node, so that no order matters
         need_gravity: bool,
     ):
         o = start + wp.tid()
+        if wp.static(sparse):
+            o = active[o]
         nodes = n[0] * n[1] * n[2]
         base = (o // nodes) * nodes
         a = acc[o]
@@ -139,6 +145,7 @@ def _make_divide_adjoint(v: Variant) -> wp.Kernel:
 
 def _make_reflect(v: Variant) -> wp.Kernel:
     node_t, index, folded = v.node_t, make_places().index, make_reflection(v).folded
+    sparse = v.sparse
 
     @wp.kernel(module="unique", enable_backward=False)
     def reflect(
@@ -148,9 +155,12 @@ def _make_reflect(v: Variant) -> wp.Kernel:
         high: wp.vec3i,
         sticky: wp.vec3i,
         start: wp.int32,
+        active: wp.array[wp.int32],  # rows that are worked on, only if sparse
         out: wp.array[node_t],
     ):
         o = start + wp.tid()
+        if wp.static(sparse):
+            o = active[o]
         nodes = n[0] * n[1] * n[2]
         scene = o // nodes
         out[o] = folded(bar, index(o - scene * nodes, n), n, scene, 1, low, high, sticky)

@@ -235,9 +235,10 @@ def _advance(
             trouble = trouble_of(end, status, span, left=True) or _outrun(clock, end, span)
         if trouble is None:
             taken = (None, None) if sums is None else (sums.expected_dv, sums.impulse)
+            part = solver.active(state, span)
             report = FrameReport(
-                span.n_sub, span.dt, clock.wave, clock.speed(state), span.grid, grown, halved, expected_dv=taken[0],
-                impulse=taken[1],
+                span.n_sub, span.dt, clock.wave, clock.speed(state), span.grid, grown, halved,
+                None if part is None else len(part.nodes), expected_dv=taken[0], impulse=taken[1],
             )  # fmt: skip
             return end, kept, span, report
         if clock.dt is not None or halved == HALVINGS:

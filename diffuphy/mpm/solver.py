@@ -12,12 +12,14 @@ import torch
 import warp as wp
 from torch import Tensor
 
+from diffuphy.mpm.active import Active, active
 from diffuphy.mpm.adjoint import Needs
 from diffuphy.mpm.boundary import N_WALL, Boundary, signature
 from diffuphy.mpm.drive import Drive, drive_signature
 from diffuphy.mpm.gather import Sums
+from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.launch import Arguments, Bound, Lanes
-from diffuphy.mpm.mirror import Mirrors, mirrors
+from diffuphy.mpm.mirror import REACH, Mirrors, mirrors
 from diffuphy.mpm.program import backward, forward
 from diffuphy.mpm.scheme import Scheme
 from diffuphy.mpm.state import REAL, Bars, Matter, Rows, Span, State
@@ -119,6 +121,7 @@ class Solver:
             "impulse" in gather, grad or "expected_dv" in gather,
         )  # fmt: skip
         lanes = Lanes(scenes, particles, threads if self.device.type == "cpu" else 1)
+        self._active: tuple[Tensor | None, Grid | None, float, Active | None] = (None, None, 0.0, None)
         self._args = Arguments(self.variant, walls, tuple(drives), self.planes, self.gravity, lanes, self.device)
 
     @property
@@ -163,15 +166,27 @@ class Solver:
 
     def _bind(self, work: Rows, matter: Matter, state: State, span: Span) -> tuple[Bound, Callable[[int], None] | None]:
         """Arguments of a frame that begins with ``state``; and what is to be done before every round."""
-        body = self.body
+        body, active = self.body, self.active(state, span)
         if body is None:
-            return Bound(self._args, work, matter, span, None), None
+            return Bound(self._args, work, matter, span, None, active), None
         now = torch.empty(work.n, 3, dtype=self.dtype, device=self.device)
 
         def accelerate(s: int) -> None:
             now.copy_(body(span.start + s * span.dt))
 
-        return Bound(self._args, work, matter, span, now), accelerate
+        return Bound(self._args, work, matter, span, now, active), accelerate
+
+    def active(self, state: State, span: Span) -> Active | None:
+        """The nodes that a frame from ``state`` works on; None: all."""
+        if span.grid.slack is None:
+            return None
+        T = span.n_sub * span.dt
+        x, grid, time, known = self._active
+        if x is not state.x or grid != span.grid or time != T or known is None:
+            planes, order = self.planes.planes(span.grid), self.scheme.order
+            known = active(state.x, state.v, span.grid, T, self.gravity, order, planes, REACH)
+            self._active = state.x, span.grid, T, known
+        return known
 
     def _rounds(self, which: Sequence[int], stride: int) -> list[dict[str, int]]:
         """Numbers of some rounds in order, whose states lie ``stride`` rows apart."""

@@ -71,8 +71,8 @@ def blame(clock: Clock, start: State, matter: Matter, span: Span, frame: int, kn
     else:
         remedy = f"lower cfl below {courant if 0.0 < courant < clock.scene.cfl else 0.5 * clock.scene.cfl:.3g}"
     return SimulationDiverged(
-        f"particle {p} {found.what} in frame {frame}, substep {min(s, span.n_sub - 1)} of {span.n_sub} "
-        f"(t = {t:.6g} s): {found.quantity}; x = {_text(end.x[p])} m, |v| = {speed:.3g} m/s, at the start of the "
+        f"particle {p} {found.what} in frame {frame} (substep {min(s, span.n_sub - 1)} of {span.n_sub}, "
+        f"t = {t:.6g} s): {found.quantity}; x = {_text(end.x[p])} m, |v| = {speed:.3g} m/s, at the start of the "
         f"frame x = {_text(start.x[p])} m, |v| = {before:.3g} m/s; Δt = {span.dt:.3g} s, CFL = {courant:.2f}; {remedy}"
     )
 
