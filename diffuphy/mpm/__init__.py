@@ -17,7 +17,8 @@ from diffuphy.mpm.drive import (
     Vortex,
 )
 from diffuphy.mpm.grid import Grid
-from diffuphy.mpm.rollout import FrameReport, rollout, simulate
+from diffuphy.mpm.report import FrameReport
+from diffuphy.mpm.rollout import rollout, simulate
 from diffuphy.mpm.sample import Sample, coarsen
 from diffuphy.mpm.scene import SCENES, Scene, scene_for
 from diffuphy.mpm.scheme import Scheme

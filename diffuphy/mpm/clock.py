@@ -26,6 +26,12 @@ STABLE = 0.8
 MAX_SUBSTEPS = 10**6
 """Substeps of one frame beyond which a scene is refused: it is stiffer than an explicit step can film."""
 
+SPARSE_NODES = 2**15
+"""Nodes of a block below which all are worked on: finding out which are needed takes as long as a few substeps."""
+
+SPARSE_SHARE = 0.5
+"""Share of the nodes of a block that is worked on alone; above it a list of them costs as much as it saves."""
+
 
 class Clock:
     """Time steps of one rollout.
@@ -47,9 +53,13 @@ class Clock:
         """Fastest wave at rest [m/s]."""
         return float(self.rest.max())
 
+    def pace(self, state: State) -> torch.Tensor:
+        """Fastest wave of each particle in the present stretch, shape (N,) [m/s]."""
+        return waves(self.solver.mixture, state, self.matter)
+
     def stiff(self, state: State) -> float:
-        """Fastest wave in the present stretch [m/s]."""
-        return float(waves(self.solver.mixture, state, self.matter).max())
+        """The fastest of them [m/s]."""
+        return float(self.pace(state).max())
 
     def speed(self, state: State) -> float:
         """A bound on the speed of a particle in the next frame [m/s]."""
@@ -82,7 +92,18 @@ class Clock:
         scheme = self.scene.scheme
         n_sub = math.ceil(T / step)
         block = self._block(state, speed)
-        return Span(block, state.time, T / n_sub, n_sub, self.wave, scheme.retain, scheme.half_kick)
+        span = Span(block, state.time, T / n_sub, n_sub, self.wave, scheme.retain, scheme.half_kick)
+        return self._thinned(span, state, speed)
+
+    def _thinned(self, span: Span, state: State, speed: float) -> Span:
+        """The same with a part of its block, where that is worth it."""
+        if span.grid.nodes < SPARSE_NODES:
+            return span
+        slack = 1 + math.ceil(0.25 * speed / (self.scene.fps * self.scene.dx))
+        thin = dataclasses.replace(span, grid=dataclasses.replace(span.grid, slack=slack))
+        part = self.solver.active(state, thin)
+        assert part is not None
+        return thin if len(part.nodes) < SPARSE_SHARE * span.grid.nodes else span
 
     def halved(self, span: Span) -> Span:
         """The same frame in twice as many substeps."""

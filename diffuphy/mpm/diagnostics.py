@@ -53,6 +53,42 @@ def diagnose(mixture: Any, state: State, matter: Matter, dx: float, scheme: Sche
     )
 
 
+@dataclass(frozen=True)
+class Balance:
+    """The books of one frame."""
+
+    end: Diagnostics
+    """Sums over the particles at its end."""
+    lost: float
+    """Energy at the start, less that at the end, and the work of gravity in between [J]: dissipation in the body, at
+    the walls and by the transfer, less what moving walls and drives put in. A body with a viscous branch: what the
+    branch stores counts as lost."""
+    courant: float
+    """Largest Δt (c + |v|) / Δx of a particle at its end, c in the present stretch [-]."""
+
+
+def balance(
+    mixture: Any,
+    before: State,
+    after: State,
+    matter: Matter,
+    scheme: Scheme,
+    gravity: tuple[float, float, float],
+    dt: float,
+    dx: float,
+) -> Balance:
+    """The books of the frame from ``before`` to ``after`` with substeps of ``dt``.
+
+    lost = E_start − E_end + Σ m g · (x_end − x_start),   E = kinetic + elastic
+    """
+    start, end = (diagnose(mixture, s, matter, dx, scheme) for s in (before, after))
+    m, g = matter.m.detach().double(), before.x.new_tensor(gravity).double()
+    work = float(((after.x - before.x).detach().double() @ g * m).sum())
+    lost = start.kinetic + start.elastic - end.kinetic - end.elastic + work
+    pace = waves(mixture, after, matter) + after.v.detach().norm(dim=1)
+    return Balance(end, lost, float(pace.max()) * dt / dx)
+
+
 def waves(mixture: Any, state: State, matter: Matter) -> Tensor:
     """Fastest wave of each particle in its present state, shape (N,) [m/s]; see ``material.wave``. NaN where
     det F ≤ 0."""

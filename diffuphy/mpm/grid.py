@@ -22,6 +22,9 @@ class Grid:
     """Nodes along each axis."""
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Where the lattice lies, 0 ≤ shift < 1 [Δx]: mirror walls have a plane of nodes on them."""
+    slack: int | None = None
+    """Cells that particles may be away from their free path, where only nodes near those are worked on, see ``active``;
+    None: all are."""
 
     @property
     def low(self) -> tuple[float, ...]:
@@ -55,7 +58,8 @@ class Grid:
     def grown(self, cells: int) -> "Grid":
         """The block with ``cells`` more nodes on every side."""
         origin, shape = tuple(o - cells for o in self.origin), tuple(n + 2 * cells for n in self.shape)
-        return Grid(self.dx, origin, shape, self.shift)._checked()  # type: ignore[arg-type]
+        slack = None if self.slack is None else self.slack + cells
+        return Grid(self.dx, origin, shape, self.shift, slack)._checked()  # type: ignore[arg-type]
 
     def _checked(self) -> "Grid":
         if self.nodes > MAX_NODES:

@@ -52,7 +52,7 @@ def _make_p2g(variant: Variant) -> wp.Kernel:
     body, driven, classic = variant.body, len(drives) > 0, variant.scheme.force == "classic"
     drive = make_drives(drives, real)
     drive_t, accelerate, hold = drive.drive_t, drive.accelerate, drive.hold
-    inverse = real(1 / variant.scheme.inertia)
+    inverse, sparse = real(1 / variant.scheme.inertia), variant.sparse
     contact, elastic, placed = make_contact(variant.walls, real, variant.scheme.order), variant.elastic, rows.placed
     nearest, wall_t = contact.nearest, contact.wall_t
 
@@ -85,6 +85,7 @@ def _make_p2g(variant: Variant) -> wp.Kernel:
         at: wp.int32,  # first row of this state in u, v, C, He
         to: wp.int32,  # first row of the next one
         start: wp.int32,  # first particle of this launch
+        cells: wp.array[wp.uint8],  # (nodes,) where a particle may be, only if sparse
         grid: wp.array[node_t],  # (lanes · nodes,) momentum [kg m/s], mass [kg], impulse [N s]   out
         He_out: wp.array[mat33],  # (N,) [-]  elastic part minus I, after flow   out, only with plasticity
         HN_out: wp.array[mat33],
@@ -100,6 +101,10 @@ def _make_p2g(variant: Variant) -> wp.Kernel:
             wp.atomic_max(status, LEFT, p + 1)
             return
         bx, by, bz, f = cell(g)
+        if wp.static(sparse):
+            if cells[(bx * n[1] + by) * n[2] + bz] == wp.uint8(0):
+                wp.atomic_max(status, LEFT, p + 1)
+                return
         step = steps[s]
         dt, kick = step[0], step[1]
         w_e_p = w_e_t()
@@ -175,7 +180,7 @@ def _make_g2p(variant: Variant) -> wp.Kernel:
     turns = variant.scheme.retain > 0.0
     drive = make_drives(drives, real)
     drive_t, hold = drive.drive_t, drive.hold
-    inverse = real(1 / variant.scheme.inertia)
+    inverse, sparse = real(1 / variant.scheme.inertia), variant.sparse
 
     @wp.kernel(module="unique", enable_backward=False)
     def g2p(
@@ -198,6 +203,7 @@ def _make_g2p(variant: Variant) -> wp.Kernel:
         at: wp.int32,  # first row of this state
         to: wp.int32,  # first row of the next one; may be the same
         start: wp.int32,
+        cells: wp.array[wp.uint8],  # as above
         u_out: wp.array[vec3],
         v_out: wp.array[vec3],
         C_out: wp.array[mat33],
@@ -216,6 +222,9 @@ def _make_g2p(variant: Variant) -> wp.Kernel:
         if not inside(g, n):
             return
         bx, by, bz, f = cell(g)
+        if wp.static(sparse):
+            if cells[(bx * n[1] + by) * n[2] + bz] == wp.uint8(0):
+                return
         step = steps[s]
         dt, alpha = step[0], step[2]
         base = (p // per) * (n[0] * n[1] * n[2])

@@ -1,6 +1,7 @@
 """What kernels are launched with, and how: arguments made from results, launches recorded once, threads in step."""
 
 import contextlib
+import dataclasses
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -14,6 +15,7 @@ import warp as wp
 from torch import Tensor
 
 from diffuphy.compiling import LOCK
+from diffuphy.mpm.active import Active
 from diffuphy.mpm.boundary import N_WALL, Boundary, rows, sdf_samples
 from diffuphy.mpm.drive import Drive, drive_rows, make_drives
 from diffuphy.mpm.mirror import Mirrors
@@ -61,9 +63,8 @@ class Lanes:
         cuts = [min(total, self.per * (lanes * t // self.threads)) for t in range(self.threads + 1)]
         return [(a, b - a) for a, b in pairwise(cuts)]
 
-    def of_nodes(self, nodes: int) -> list[Range]:
-        """The nodes of each thread."""
-        total = nodes * self.scenes
+    def of_nodes(self, total: int) -> list[Range]:
+        """The nodes of each thread, out of those of all scenes that are worked on."""
         cuts = [total * t // self.threads for t in range(self.threads + 1)]
         return [(a, b - a) for a, b in pairwise(cuts)]
 
@@ -119,15 +120,26 @@ class Arguments:
         data = drive_rows(self.drives, span.grid, starts, span.dt, matter.m, matter.tag, kicks)
         return self.array(data, kind)
 
-    def nodal(self, name: str, count: int, kind: Any, clear: bool = False) -> wp.array:
-        """A row a node, zero at first; kept between frames and made larger when a block needs it."""
+    def nodal(self, name: str, count: int, kind: Any, clear: Tensor | slice | None = None) -> wp.array:
+        """A row a node, zero at first; kept between frames and made larger when a block needs it.
+
+        Args:
+            clear: rows that are to be zero again.
+        """
         kept = self._nodes.get(name)
         if kept is None or kept.shape[0] < count:
-            dtype = torch.float32 if self.variant.real is wp.float32 else torch.float64
-            self._nodes[name] = kept = torch.zeros((count + count // 4, kind._length_), dtype=dtype, device=self.device)
-        elif clear:
-            kept[:count].zero_()
+            self._nodes[name] = kept = self._untouched(count + count // 4, kind._length_)
+        elif clear is not None:
+            kept[clear] = 0.0
         return view(kept, kind, self.device)
+
+    def _untouched(self, rows: int, columns: int) -> Tensor:
+        """Zeros; on a CPU the system finds memory for a page when something is written to it."""
+        double = self.variant.real is wp.float64
+        if self.device.type == "cpu":
+            return torch.from_numpy(np.zeros((rows, columns), np.float64 if double else np.float32))
+        dtype = torch.float64 if double else torch.float32
+        return torch.zeros((rows, columns), dtype=dtype, device=self.device)
 
     def record(self, kernel: wp.Kernel, ranges: Iterable[Range], inputs: list[Any]) -> list["Command"]:
         """One repeatable launch a thread; each begins at its own ``start``."""
@@ -143,10 +155,12 @@ class Arguments:
 class Bound:
     """Arguments as they are in one frame."""
 
-    def __init__(self, args: Arguments, work: Rows, matter: Matter, span: Span, body: Tensor | None):
-        v, grid, lanes = args.variant, span.grid, args.lanes
+    def __init__(
+        self, args: Arguments, work: Rows, matter: Matter, span: Span, body: Tensor | None, active: Active | None = None
+    ):
+        v, grid, lanes = dataclasses.replace(args.variant, sparse=active is not None), span.grid, args.lanes
         self.args, self.variant, self.span, self.arrays = args, v, span, work.arrays
-        self.particles, self.nodes = lanes.of_particles(), lanes.of_nodes(grid.nodes)
+        self.particles, self.nodes = lanes.of_particles(), lanes.of_nodes(self._choose(active))
         self.low, self.dx, self.n = v.vec3(*grid.low), grid.dx, wp.vec3i(*grid.shape)
         self.steps, self.walls = args.array(span.table(), v.step_t), args.walls(span)
         low, high = args.planes.planes(grid)
@@ -157,10 +171,25 @@ class Bound:
         self.body, self.tag = args.view(body, v.vec3), args.view(matter.tag, wp.int32)
         self.drive = args.driven(span, matter)
         count = grid.nodes * lanes.scenes
-        self.grid = args.nodal("grid", count * lanes.copies, v.node_t, clear=True)
+        self.grid = args.nodal("grid", count * lanes.copies, v.node_t, clear=self.rows)
         self.acc = args.nodal("acc", count if v.two_passes else 1, v.node_t)
         self.sigma = args.nodal("sigma", count if v.scheme.sharpen else 1, v.node_t)
         self.grid_v = args.nodal("grid_v", count, v.node_t)
+
+    def _choose(self, active: Active | None) -> int:
+        """Which nodes are worked on; their number."""
+        args, nodes = self.args, self.span.grid.nodes
+        lanes = args.lanes
+        self.cells = args.view(None if active is None else active.cells, wp.uint8)
+        if active is None:
+            self.active = args.view(None, wp.int32)
+            self.rows: Tensor | slice = slice(0, nodes * lanes.scenes * lanes.copies)
+            return nodes * lanes.scenes
+        copies = torch.arange(lanes.scenes * lanes.copies, device=args.device)[:, None] * nodes
+        self.rows = (copies + active.nodes).flatten()
+        worked = self.rows[: lanes.scenes * len(active.nodes)].to(torch.int32)  # scenes have one copy, or there is one
+        self.active = args.view(worked, wp.int32)
+        return len(worked)
 
     @property
     def status(self) -> wp.array:

@@ -32,6 +32,7 @@ def _make_nodes(v: Variant) -> SimpleNamespace:
 
 def _make_divide(v: Variant) -> wp.Kernel:
     real, vec3, node_t, step_t, mirror = v.real, v.vec3, v.node_t, v.step_t, v.mirror
+    sparse = v.sparse
     reflection, index = make_reflection(v), make_places().index
     summed, folded, seen = reflection.summed, reflection.folded, reflection.seen
 
@@ -47,11 +48,14 @@ def _make_divide(v: Variant) -> wp.Kernel:
         high: wp.vec3i,
         sticky: wp.vec3i,
         start: wp.int32,
+        active: wp.array[wp.int32],  # rows that are worked on, only if sparse
         acc: wp.array[
             node_t
-        ],  # (scenes · nodes,) velocity [m/s], mass [kg], velocity change [m/s], distance to a wall [Δx]   out
+        ],  # (scenes · nodes,) velocity [m/s], mass [kg], velocity change [m/s], distance [Δx]   out
     ):
         o = start + wp.tid()
+        if wp.static(sparse):
+            o = active[o]
         nodes = n[0] * n[1] * n[2]
         scene = o // nodes
         at = index(o - scene * nodes, n)
@@ -97,6 +101,7 @@ def _make_move(v: Variant) -> wp.Kernel:
     apply, wall_t, has_walls = contact.apply, contact.wall_t, len(v.walls) > 0
     two_passes, measures, mirror, free = v.two_passes, v.measures, v.mirror, make_free(v)
     elastic, vec4, damping = v.elastic, wp.types.vector(4, real), real(2.0 * DAMPING)
+    sparse = v.sparse
 
     @wp.kernel(module="unique", enable_backward=False)
     def move(
@@ -113,10 +118,13 @@ def _make_move(v: Variant) -> wp.Kernel:
         steps: wp.array[step_t],
         s: wp.int32,
         start: wp.int32,
+        active: wp.array[wp.int32],  # rows that are worked on, only if sparse
         grid_v: wp.array[node_t],  # (scenes · nodes,) velocity after the step and before it   out
         impulse: wp.array[vec3],  # (scenes · nodes,) [N s] of the walls   in and out, only if measured
     ):
         o = start + wp.tid()
+        if wp.static(sparse):
+            o = active[o]
         nodes = n[0] * n[1] * n[2]
         scene = o // nodes
         base = scene * nodes

@@ -42,6 +42,7 @@ def _make_move_adjoint(v: Variant) -> wp.Kernel:
     contact_adjoint, contact_rows, wall_t = contact.adjoint, contact.adjoint_rows, contact.wall_t
     has_walls, elastic, step_t = len(v.walls) > 0, v.elastic, v.step_t
     vec4, damping, half = wp.types.vector(4, real), real(2.0 * DAMPING), real(0.5)
+    sparse = v.sparse
 
     @wp.kernel(module="unique", enable_backward=False)
     def move_adjoint(
@@ -57,12 +58,15 @@ def _make_move_adjoint(v: Variant) -> wp.Kernel:
         steps: wp.array[step_t],
         s: wp.int32,
         start: wp.int32,
+        active: wp.array[wp.int32],  # rows that are worked on, only if sparse
         y: wp.array[node_t],  # (scenes · nodes,) v̄⁰ + g̅, of the distance to a wall, g̅/m, –   out
         omega_bar: wp.array[real],  # (scenes · nodes,) of ω², with elastic walls   in and out
         row_bar: wp.array2d[wall_t],  # of the wall data   in and out
         need_rows: bool,
     ):
         o = start + wp.tid()
+        if wp.static(sparse):
+            o = active[o]
         nodes = n[0] * n[1] * n[2]
         scene = o // nodes
         base = scene * nodes
@@ -96,7 +100,7 @@ def _make_move_adjoint(v: Variant) -> wp.Kernel:
 
 def _make_divide_adjoint(v: Variant) -> wp.Kernel:
     real, vec3, node_t, step_t, mirror, sharpen = v.real, v.vec3, v.node_t, v.step_t, v.mirror, v.scheme.sharpen
-    index, seen = make_places().index, make_reflection(v).seen
+    index, seen, sparse = make_places().index, make_reflection(v).seen, v.sparse
     sharpened = make_sharpening(v).sharpened if sharpen else None
     of_mass = make_sharpening(v).of_mass if sharpen else None
 
@@ -114,11 +118,14 @@ def _make_divide_adjoint(v: Variant) -> wp.Kernel:
         high: wp.vec3i,
         sticky: wp.vec3i,
         start: wp.int32,
+        active: wp.array[wp.int32],  # rows that are worked on, only if sparse
         out: wp.array[node_t],  # (scenes · nodes,) of momentum, mass and impulse   out
         gravity_bar: wp.array[vec3],  # (scenes · nodes,)   in and out; one row a node, so that no order matters
         need_gravity: bool,
     ):
         o = start + wp.tid()
+        if wp.static(sparse):
+            o = active[o]
         nodes = n[0] * n[1] * n[2]
         base = (o // nodes) * nodes
         a = acc[o]
@@ -153,6 +160,7 @@ def _make_divide_adjoint(v: Variant) -> wp.Kernel:
 
 def _make_reflect(v: Variant) -> wp.Kernel:
     node_t, index, folded = v.node_t, make_places().index, make_reflection(v).folded
+    sparse = v.sparse
 
     @wp.kernel(module="unique", enable_backward=False)
     def reflect(
@@ -162,9 +170,12 @@ def _make_reflect(v: Variant) -> wp.Kernel:
         high: wp.vec3i,
         sticky: wp.vec3i,
         start: wp.int32,
+        active: wp.array[wp.int32],  # rows that are worked on, only if sparse
         out: wp.array[node_t],
     ):
         o = start + wp.tid()
+        if wp.static(sparse):
+            o = active[o]
         nodes = n[0] * n[1] * n[2]
         scene = o // nodes
         out[o] = folded(bar, index(o - scene * nodes, n), n, scene, 1, low, high, sticky)

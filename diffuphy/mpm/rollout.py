@@ -1,10 +1,9 @@
 """From particles and a material field to a trajectory: one autograd node a frame, the time step from the material."""
 
 import dataclasses
-import math
+import logging
 import os
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import torch
@@ -13,26 +12,20 @@ from torch import Tensor
 from diffuphy.material import make_mixture, rate_gate
 from diffuphy.mpm.clock import Clock
 from diffuphy.mpm.controls import Controls
+from diffuphy.mpm.diagnostics import balance
 from diffuphy.mpm.drive import tags
+from diffuphy.mpm.frame import joined
 from diffuphy.mpm.gather import Gather, Sums, check_gather
-from diffuphy.mpm.grid import Grid
-from diffuphy.mpm.kernels import FAST, INVERTED, LEFT
+from diffuphy.mpm.kernels import LEFT
+from diffuphy.mpm.leaving import Members
+from diffuphy.mpm.report import FrameReport
 from diffuphy.mpm.scene import Scene
-from diffuphy.mpm.solver import Body, Solver
-from diffuphy.mpm.state import (
-    REAL,
-    Bars,
-    Matter,
-    Rows,
-    Span,
-    State,
-    check,
-    check_state,
-    initial_state,
-    make_matter,
-    placed,
-)  # fmt: skip
-from diffuphy.types import MaterialField, SimulationDiverged, Trajectory
+from diffuphy.mpm.solver import Body, Solver, backward_bytes
+from diffuphy.mpm.state import REAL, Matter, Rows, Span, State, check, check_state, initial_state, make_matter, placed
+from diffuphy.mpm.trouble import Trouble, blame, trouble_of
+from diffuphy.types import MaterialField, Trajectory
+
+log = logging.getLogger(__name__)
 
 GROWTHS = 6
 """How often the block of a frame may be enlarged, each time twice as much, before the particles are taken to have
@@ -41,81 +34,11 @@ exploded."""
 HALVINGS = 4
 """How often the substep of a frame may be halved before its scene is taken to be impossible."""
 
-THREADED = 16384
-"""Particles from which on several threads are faster than one."""
+THREADED = 4096
+"""Particles from which on several threads are used unless told otherwise."""
 
 MAX_THREADS = 8
 """Most threads that are taken unless told otherwise: each has a copy of the nodes."""
-
-
-@dataclass(frozen=True)
-class FrameReport:
-    """What one frame took."""
-
-    n_sub: int
-    """Substeps."""
-    dt: float
-    """Length of one [s]."""
-    wave: float
-    """Fastest wave c at rest [m/s]."""
-    speed: float
-    """Bound V on the speed of a particle [m/s]."""
-    grid: Grid
-    """Block of nodes."""
-    reruns: int
-    """How often it was enlarged because particles left it."""
-    halvings: int = 0
-    """How often the substep was halved because waves became too fast for it."""
-    expected_dv: Tensor | None = dataclasses.field(default=None, repr=False, compare=False)
-    """Velocity change of each particle by stress and gravity, shape (N, 3) [m/s], if gathered; see ``mpm.gather``."""
-    impulse: Tensor | None = dataclasses.field(default=None, repr=False, compare=False)
-    """Impulse of all walls on the body, shape (3,) [N s], if gathered."""
-
-
-class Frame(torch.autograd.Function):
-    """One frame as a node of the graph. Unless told otherwise only the state at its start is kept, and backward runs
-    its substeps again."""
-
-    @staticmethod
-    def forward(ctx: Any, solver: Solver, span: Span, replay: dict[str, Any], end: State, *parts: Tensor | None) -> Any:
-        """Hand out ``end``, which the solver made from ``parts``: vol, tag, those of a state, w_e, w_p, θ, m, and
-        the fastest wave, and those of the controls."""
-        ctx.solver, ctx.span, ctx.replay = solver, span, replay
-        ctx.save_for_backward(*parts)
-        return end.tensors()
-
-    @staticmethod
-    def backward(ctx: Any, *grads: Tensor | None) -> tuple[Any, ...]:
-        vol, tag, *parts = ctx.saved_tensors
-        state, matter, wave, controls = parts[:7], parts[7:11], parts[11], Controls(*parts[12:])
-        need = ctx.needs_input_grad[17:]
-        out = ctx.solver.advance_adjoint(
-            State(*state),
-            Matter(*matter, vol, tag),
-            ctx.span,
-            Bars(*(_bar(t, g) for t, g in zip(state, grads, strict=True))),
-            ctx.needs_input_grad[13:17],
-            wave=need[0],
-            gravity=need[1],
-            walls=any(need[2:]),
-            **ctx.replay,
-        )
-        alpha, omega = (0.0 if t is None else float(t.sum()) for t in (out.alpha, out.omega))
-        wave_bar = wave.new_tensor(ctx.span.wave_bar(alpha, omega)) if need[0] else None
-        of_state = (out.x, out.v, out.C, out.He, out.H, out.memory, out.HN)
-        return (
-            (None,) * 6
-            + of_state
-            + (out.w_e, out.w_p, out.theta, out.m, wave_bar)
-            + controls.bars(out.gravity, out.walls)
-        )
-
-
-def _bar(t: Tensor | None, grad: Tensor | None) -> Tensor | None:
-    """A contiguous copy of a gradient, zero where there is none."""
-    if t is None:
-        return None
-    return torch.zeros_like(t) if grad is None else torch.empty_like(t).copy_(grad)
 
 
 def rollout(scene: Scene, x: Tensor, vol: Tensor, field: MaterialField, **options: Any) -> Trajectory:
@@ -146,8 +69,10 @@ def simulate(
     dt_ref: float | None = None,
     segment: int | None = None,
     keep: bool = False,
+    window: int | None = None,
     report: list[FrameReport] | None = None,
     gather: Sequence[Gather] = (),
+    diagnose: bool = False,
     scenes: int = 1,
     threads: int | None = None,
 ) -> Iterator[State]:
@@ -158,7 +83,7 @@ def simulate(
         vol: rest volumes, shape (N,) [m³].
         field: laws, weights, parameters and densities of the N particles.
         frames: number of frames, ``scene.frames`` if None.
-        grad: keep what the backward pass needs: the state at each frame.
+        grad: keep what the backward pass needs: the state at each frame. How much that is goes to the log.
         state: go on from this one instead of from the scene's initial state; of ``x`` only drives read then.
         velocity: added to the initial velocity of the scene, shape (N, 3) or (3,) [m/s].
         controls: numbers of the scene as tensors, to differentiate in.
@@ -169,9 +94,13 @@ def simulate(
         segment: substeps that the backward pass keeps at a time; the gradient does not depend on it.
         keep: store every substep for the backward pass instead of running it again: 96 bytes a particle and substep in
             float32 (132 with plasticity) for a fifth of the time of forward and backward.
+        window: truncated back-propagation: the graph is cut every ``window`` frames, so that a loss at a frame reaches
+            parameters through the frames since the last cut only, 1 … ``window`` of them, and the initial state only
+            from the first window. For long films with many contacts, where the exact gradient grows exponentially.
         report: a list to which the report of each frame is appended.
         gather: sums over substeps that the reports then hold, "expected_dv" or "impulse" or both: constants of the
             graph, taken in the forward pass. What is not asked for costs nothing.
+        diagnose: fill ``balance`` of the reports: mass, momenta, energies, CFL number and volume change.
         scenes: how many scenes with the same number of particles the tensors hold one after the other; they do not
             touch and share Δt and the block of nodes. See ``rollout_batch``.
         threads: threads that work on a CPU, by default one for every core if there are THREADED particles or more. The
@@ -179,60 +108,89 @@ def simulate(
 
     Raises:
         ValueError: shapes, precisions or values that make no simulation; an unstable ``dt``.
-        SimulationDiverged: a particle with a state that means nothing; the message names it.
+        SimulationDiverged: a particle with a state that means nothing, or one that leaves; the message names it. Also
+            from the backward pass, for a gradient that is not finite.
     """
     scene = controls.applied(scene)
     check(x, vol, field)
     check_gather(gather)
-    _check_options(gather, report, segment, scenes, len(x), threads)
+    _check_options(scene, gather, diagnose, report, segment, window, scenes, len(x), threads)
     mixture = make_mixture(tuple(field.elastic), tuple(field.plastic), REAL[x.dtype], tuple(field.branches))
     matter = make_matter(field, vol, mixture.params, x.dtype, grad)
     if state is None:
-        state = initial_state(
-            scene,
-            x if grad else x.detach(),
-            matter,
-            mixture,
-            velocity if grad or velocity is None else velocity.detach(),
-            scenes,
-        )
+        first = velocity if grad or velocity is None else velocity.detach()
+        state = initial_state(scene, x if grad else x.detach(), matter, mixture, first, scenes)
     else:
         check_state(state, mixture)
     if scene.drives:
-        matter = dataclasses.replace(
-            matter, tag=tags(scene.drives, placed(scene, x, matter.vol).detach(), matter.m.detach())
-        )
-    solver = Solver(
-        mixture, scene.boundaries, scene.gravity, x.dtype, x.device, particles=len(x) // scenes, dx=scene.dx,
-        scheme=scene.scheme, drives=scene.drives, body=body, gather=gather, grad=grad, scenes=scenes,
-        threads=_threads(threads, len(x)),
-    )  # fmt: skip
-    clock = Clock(scene, solver, field, matter, dt)
+        there = placed(scene, x, matter.vol).detach()
+        matter = dataclasses.replace(matter, tag=tags(scene.drives, there, matter.m.detach()))
+    members = Members(scene)
+
+    def clock_of(part: Matter) -> Clock:
+        n = len(part.m)
+        solver = Solver(
+            mixture, scene.boundaries, scene.gravity, x.dtype, x.device, particles=n // scenes, dx=scene.dx,
+            scheme=scene.scheme, drives=scene.drives, body=_body_of(body, members), gather=gather, grad=grad,
+            scenes=scenes, threads=_threads(threads, n),
+        )  # fmt: skip
+        return Clock(scene, solver, field, part, dt)
+
+    count = scene.frames if frames is None else frames
+    state, _ = members.watch(state, matter.m, 0)
+    part = members.matter(matter)
+    clock = clock_of(part)
     yield state
-    for frame in range(scene.frames if frames is None else frames):
-        now = matter
+    for frame in range(count):
+        if len(part.m) == 0:  # everybody has left
+            state = dataclasses.replace(state, time=state.time + 1.0 / scene.fps)
+            yield state
+            continue
+        start, now = members.state(state), part
         if dt_ref is not None and mixture.is_plastic:
-            step = clock.span(state).dt
-            now = dataclasses.replace(matter, w_p=rate_gate(matter.w_p, field.plastic, step, dt_ref).contiguous())
-        end, kept, span, taken = _advance(clock, state, now, frame, keep and grad, gather)
+            step = clock.span(start).dt
+            now = dataclasses.replace(part, w_p=rate_gate(part.w_p, field.plastic, step, dt_ref).contiguous())
+        end, kept, span, taken = _advance(clock, start, now, frame, keep and grad, gather)
+        if grad and frame == 0:
+            _say_memory(state, count if window is None else min(window, count), span, segment, keep)
+        end = joined(clock, span, {"segment": segment, "kept": kept}, end, start, now, controls) if grad else end
+        if diagnose:
+            books = balance(mixture, start, end, now, scene.scheme, scene.gravity, span.dt, scene.dx)
+            taken = dataclasses.replace(taken, balance=books)
+        taken = dataclasses.replace(taken, expected_dv=members.spread(taken.expected_dv, len(x)))
+        state, some_left = members.watch(members.joined(end, state), matter.m, frame)
         if report is not None:
-            report.append(taken)
-        replay = {"segment": segment, "kept": kept}
-        state = _node(clock, span, replay, end, state, now, controls) if grad else end
+            report.append(dataclasses.replace(taken, gone=members.count, removed=members.removed))
         yield state
+        if some_left:
+            part = members.matter(matter)
+            clock = clock_of(part)
+        if window is not None and (frame + 1) % window == 0:
+            state = State(*(None if t is None else t.detach() for t in state.tensors()), state.time)  # type: ignore[arg-type]
 
 
 def _check_options(
-    gather: Sequence[str], report: Any, segment: int | None, scenes: int, particles: int, threads: int | None
+    scene: Scene,
+    gather: Sequence[str],
+    diagnose: bool,
+    report: Any,
+    segment: int | None,
+    window: int | None,
+    scenes: int,
+    particles: int,
+    threads: int | None,
 ) -> None:
     if gather and report is None:
         raise ValueError(f"gather = {tuple(gather)} fills the reports of frames; give a list as report")
-    if segment is not None and segment < 1:
-        raise ValueError(f"segment must be at least 1 substep, got {segment}")
+    if diagnose and report is None:
+        raise ValueError("diagnose fills the reports of frames; give a list as report")
+    for name, value, of in (("segment", segment, "substep"), ("window", window, "frame"), ("threads", threads, "")):
+        if value is not None and value < 1:
+            raise ValueError(f"{name} must be at least 1{' ' * bool(of)}{of}, got {value}")
     if scenes < 1 or particles % scenes:
         raise ValueError(f"scenes must divide the number of particles, got scenes = {scenes} and {particles} particles")
-    if threads is not None and threads < 1:
-        raise ValueError(f"threads must be at least 1, got {threads}")
+    if scenes > 1 and scene.bounds is not None:
+        raise ValueError("a batch of scenes has no bounds: its scenes must keep the same particles; set bounds to None")
 
 
 def _threads(threads: int | None, particles: int) -> int:
@@ -241,15 +199,18 @@ def _threads(threads: int | None, particles: int) -> int:
     return min(os.cpu_count() or 1, MAX_THREADS) if particles >= THREADED else 1
 
 
-def _node(
-    clock: Clock, span: Span, replay: dict[str, Any], end: State, start: State, matter: Matter, controls: Controls
-) -> State:
-    """``end`` as a function of ``start``, ``matter`` and ``controls``, if anything there wants a gradient."""
-    wanted = (*start.tensors(), *matter.tensors()[:4], clock.top, *controls.tensors())
-    if not any(t is not None and t.requires_grad for t in wanted):
-        return end
-    parts = tuple(None if t is None else t.contiguous() for t in wanted)
-    return State(*Frame.apply(clock.solver, span, replay, end, matter.vol, matter.tag, *parts), end.time)
+def _body_of(body: Body | None, members: Members) -> Body | None:
+    """The acceleration of those who take part."""
+    if body is None or members.rows is None:
+        return body
+    rows: Tensor = members.rows
+    of_all: Callable[[float], Tensor] = body
+    return lambda t: of_all(t)[rows]
+
+
+def _say_memory(state: State, frames: int, span: Span, segment: int | None, keep: bool) -> None:
+    size = backward_bytes(state, frames, span.steps, segment=segment, keep=keep)
+    log.info("backward pass: states of %d frames, %d rounds in the first: %.1f MB", frames, span.steps, size / 1e6)
 
 
 def _advance(
@@ -259,53 +220,38 @@ def _advance(
     alone.
 
     Raises:
-        SimulationDiverged: naming particle, frame, place, speed, CFL number and what to change.
+        SimulationDiverged: naming quantity, particle, substep, time, value, limit and what to change.
     """
     solver, span = clock.solver, clock.span(state)
     grown = halved = 0
     while True:
         sums = Sums.zero(gather, state.x.detach(), span.grid.nodes) if gather else None
         end, status, kept = solver.advance(state, matter, span, keep, sums)
-        trouble = _trouble(end, status)
+        trouble = trouble_of(end, status, span)
         if trouble is None and status[LEFT] and grown < GROWTHS:
             span = dataclasses.replace(span, grid=span.grid.grown(4 * 2**grown))
             grown += 1
             continue
-        if trouble is None and status[LEFT]:
-            trouble = ("left every block of nodes", status[LEFT] - 1)
-        if trouble is None and not (clock.outrun(span, end) and halved < HALVINGS):
+        if trouble is None:
+            trouble = trouble_of(end, status, span, left=True) or _outrun(clock, end, span)
+        if trouble is None:
             taken = (None, None) if sums is None else (sums.expected_dv, sums.impulse)
-            speed = clock.speed(state)
-            report = FrameReport(span.n_sub, span.dt, clock.wave, speed, span.grid, grown, halved, *taken)
+            part = solver.active(state, span)
+            report = FrameReport(
+                span.n_sub, span.dt, clock.wave, clock.speed(state), span.grid, grown, halved,
+                None if part is None else len(part.nodes), expected_dv=taken[0], impulse=taken[1],
+            )  # fmt: skip
             return end, kept, span, report
         if clock.dt is not None or halved == HALVINGS:
-            assert trouble is not None
-            raise _diverged(*trouble, state, end, span, frame, clock.rest)
+            raise blame(clock, state, matter, span, frame, trouble)
         span, halved = clock.halved(span), halved + 1
 
 
-def _trouble(end: State, status: list[int]) -> tuple[str, int] | None:
-    """What went wrong in a frame, and with which particle."""
-    if status[INVERTED]:
-        return "was turned inside out (det F ≤ 0)", status[INVERTED] - 1
-    if status[FAST]:
-        return "crossed more than one cell in a substep", status[FAST] - 1
-    finite = torch.isfinite(end.x).all(1) & torch.isfinite(end.v).all(1) & torch.isfinite(end.He).flatten(1).all(1)
-    return None if bool(finite.all()) else ("is not finite", int((~finite).nonzero()[0]))
-
-
-def _diverged(what: str, p: int, start: State, end: State, span: Span, frame: int, c: Tensor) -> SimulationDiverged:
-    v = float(end.v[p].norm())
-    cfl = span.dt * (float(c[p]) + (v if math.isfinite(v) else float(start.v[p].norm()))) / span.grid.dx
-    return SimulationDiverged(
-        f"particle {p} {what} in frame {frame} (t = {span.start:.4g} … {span.end:.4g} s): x = {_text(end.x[p])} m, "
-        f"|v| = {v:.3g} m/s, "
-        f"at the start of the frame x = {_text(start.x[p])} m, |v| = {float(start.v[p].norm()):.3g} m/s; Δt = "
-        f"{span.dt:.3g} s, CFL = {cfl:.2f}; "
-        "lower cfl or dx, slow the walls or the object down, or use a material that resists compression (hencky, "
-        "neo_hookean) or a larger E"
-    )
-
-
-def _text(x: Tensor) -> str:
-    return "(" + ", ".join(f"{float(a):.4g}" for a in x) + ")"
+def _outrun(clock: Clock, end: State, span: Span) -> Trouble | None:
+    """Waves that became too fast for the step of a frame."""
+    if not clock.outrun(span, end):
+        return None
+    fast = clock.pace(end)
+    p = int(fast.argmax())
+    cells = float(fast[p]) * span.dt / span.grid.dx
+    return Trouble("carries waves too fast for the substep", p, f"c Δt/Δx = {cells:.4g}, at most 1")

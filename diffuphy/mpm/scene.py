@@ -4,6 +4,7 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 from diffuphy.mpm.boundary import Boundary, HalfSpace, Sphere, Vec, vector
 from diffuphy.mpm.drive import Drive, check_drives
@@ -41,6 +42,12 @@ class Scene:
 
     scheme: Scheme = Scheme()
     """Transfer between particles and grid, walls and time integration."""
+    bounds: tuple[Vec, Vec] | None = None
+    """Lower and upper corner of the box that particles are not to leave [m]; it is no wall, and is looked at once a
+    frame. None: the grid follows them wherever they go."""
+    leaving: Literal["error", "freeze", "remove"] = "error"
+    """What becomes of a particle that has left ``bounds``: an exception; it stays where it is, at rest, and touches
+    nothing; or the same and its mass is counted as gone in the reports."""
 
     def __post_init__(self) -> None:
         for name in ("gravity", "velocity", "spin"):
@@ -57,12 +64,25 @@ class Scene:
         object.__setattr__(self, "boundaries", tuple(self.boundaries))
         object.__setattr__(self, "drives", tuple(self.drives))
         check_drives(self.drives)
+        self._check_bounds()
         for k, b in enumerate(self.boundaries):
             if b.thickness < 3.0 * self.dx:
                 raise ValueError(
                     f"boundaries[{k}], a {type(b).__name__} {b.thickness:.3g} m thick, slips between grid nodes "
                     f"{self.dx:.3g} m apart; make it at least 3 dx = {3.0 * self.dx:.3g} m thick, or dx smaller"
                 )
+
+    def _check_bounds(self) -> None:
+        if self.leaving not in ("error", "freeze", "remove"):
+            raise ValueError(f"leaving must be 'error', 'freeze' or 'remove', got {self.leaving!r}")
+        if self.bounds is None:
+            if self.leaving != "error":
+                raise ValueError(f"leaving = {self.leaving!r} needs bounds: without them the grid follows everybody")
+            return
+        low, high = (vector("bounds", corner) for corner in self.bounds)
+        if not all(a < b for a, b in zip(low, high, strict=True)):
+            raise ValueError(f"bounds must have low < high along every axis, got {low} and {high}")
+        object.__setattr__(self, "bounds", (low, high))
 
 
 def _floor(friction: float) -> HalfSpace:

@@ -26,7 +26,7 @@ def make_sharpening(v: Variant) -> SimpleNamespace:
 def _make_sharpening(v: Variant) -> SimpleNamespace:
     real, vec3, node_t, mat33 = v.real, v.vec3, v.node_t, v.mat33
     flat, index = make_places().flat, make_places().index
-    strength = real(v.scheme.sharpening)
+    strength, sparse = real(v.scheme.sharpening), v.sparse
 
     @wp.func(module="unique")
     def corner(c: wp.int32) -> vec3:
@@ -74,9 +74,12 @@ def _make_sharpening(v: Variant) -> SimpleNamespace:
         acc: wp.array[node_t],  # velocity, mass, acceleration
         n: wp.vec3i,
         start: wp.int32,
+        active: wp.array[wp.int32],  # rows that are worked on, only if sparse
         sigma: wp.array[node_t],  # s min_r(m_r) σ of the cell above each node   out
     ):
         o = start + wp.tid()
+        if wp.static(sparse):
+            o = active[o]
         nodes = n[0] * n[1] * n[2]
         base = (o // nodes) * nodes
         at = index(o - base, n)
@@ -129,9 +132,12 @@ def _make_sharpening(v: Variant) -> SimpleNamespace:
         y: wp.array[node_t],
         n: wp.vec3i,
         start: wp.int32,
+        active: wp.array[wp.int32],  # rows that are worked on, only if sparse
         sigma: wp.array[node_t],  # that of y; then s σ(a) : G(y), and 1 + the corner of least mass, whose m̄ it is   out
     ):
         o = start + wp.tid()
+        if wp.static(sparse):
+            o = active[o]
         nodes = n[0] * n[1] * n[2]
         base = (o // nodes) * nodes
         at = index(o - base, n)

@@ -5,29 +5,69 @@ Several solvers may run in several threads; one solver may not. Nothing here dec
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import torch
 import warp as wp
 from torch import Tensor
 
+from diffuphy.mpm.active import Active, active
 from diffuphy.mpm.adjoint import Needs
 from diffuphy.mpm.boundary import N_WALL, Boundary, can_be_elastic, signature
 from diffuphy.mpm.drive import Drive, drive_signature
 from diffuphy.mpm.gather import Sums
+from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.launch import Arguments, Bound, Lanes
-from diffuphy.mpm.mirror import Mirrors, mirrors
+from diffuphy.mpm.mirror import REACH, Mirrors, mirrors
 from diffuphy.mpm.program import backward, forward
 from diffuphy.mpm.scheme import Scheme
 from diffuphy.mpm.state import REAL, Bars, Matter, Rows, Span, State
 from diffuphy.mpm.variant import Variant
 
-SEGMENT_BYTES = 2**28
-"""Memory the stored substeps of one frame may take in the backward pass before they are cut into segments [byte]."""
+SEGMENT_BYTES = 3 * 2**24
+"""Memory the stored substeps of one frame may take in the backward pass before they are cut into segments [byte]; a
+frame of 100 substeps of 8000 particles in float32 fits in two segments."""
 
 Body = Callable[[float], Tensor]
 """Acceleration of every particle at a time [s], shape (N, 3) [m/s²]."""
+
+
+def state_bytes(state: State) -> int:
+    """Memory of one state [byte]."""
+    return sum(t.numel() * t.element_size() for t in state.tensors() if t is not None)
+
+
+def segment_of(steps: int, row: int, budget: int = SEGMENT_BYTES) -> int:
+    """How many of the ``steps`` rounds of a frame the backward pass keeps at once, when a state takes ``row`` bytes.
+
+    In c segments (1 − 1/c) of the rounds are run once more, and steps/c + c states are kept: the fewest segments that
+    fit into ``budget``, or √steps.
+    """
+    for c in range(1, round(steps**0.5) + 1):
+        if (-(-steps // c) + c) * row <= budget:
+            return -(-steps // c)
+    return max(1, round(steps**0.5))
+
+
+def backward_bytes(state: State, frames: int, steps: int, *, segment: int | None = None, keep: bool = False) -> int:
+    """Memory that states take in a backward pass through ``frames`` frames of ``steps`` rounds each [byte].
+
+        frames · row + rows of one frame at work,   kept: every round of every frame
+
+    Beside it there are the gradients, of the size of two states and the parameters, and six rows of eight numbers a
+    node (with several threads one more for each copy).
+
+    Args:
+        state: any state of the rollout.
+        steps: rounds of a frame, ``Span.steps``.
+        segment, keep: as for ``simulate``.
+    """
+    row = state_bytes(state)
+    if keep:
+        return frames * (steps + 1) * row
+    part = min(segment or segment_of(steps, row), steps)
+    return (frames + part + 1 + -(-steps // part) - 1) * row
 
 
 class Solver:
@@ -83,6 +123,7 @@ class Solver:
             "impulse" in gather, grad or "expected_dv" in gather,
         )  # fmt: skip
         lanes = Lanes(scenes, particles, threads if self.device.type == "cpu" else 1)
+        self._active: tuple[Tensor | None, Grid | None, float, Active | None] = (None, None, 0.0, None)
         self._args = Arguments(self.variant, walls, tuple(drives), self.planes, self.gravity, lanes, self.device)
 
     @property
@@ -100,7 +141,7 @@ class Solver:
         with self._args.stream():
             work = Rows(self.variant, state, slots=span.steps + 1 if keep else 1)
             status = torch.zeros(3, dtype=torch.int32, device=self.device)
-            bound, before = self._bind(work, matter, span)
+            bound, before = self._bind(work, matter, state, span)
             a = work.arrays
             flowed = self._room(work.n) if keep else (a.He, a.HN)
             program = forward(bound, wp.from_torch(status), flowed, sums)
@@ -110,17 +151,44 @@ class Solver:
             end = State(state.x.detach() + u, v, C, He, H, memory, HN, span.end)
             return end, status.tolist(), work if keep else None
 
-    def _bind(self, work: Rows, matter: Matter, span: Span) -> tuple[Bound, Callable[[int], None] | None]:
-        """Arguments of a frame; and what is to be done before every round."""
-        body = self.body
+    def watch(self, state: State, matter: Matter, span: Span) -> Iterator[tuple[int, list[int], State]]:
+        """The rounds of ``span`` one by one, slowly: number, status as of ``advance``, and the state after it. What is
+        handed out last holds until the next is asked for."""
+        with self._args.stream():
+            work = Rows(self.variant, state, slots=1)
+            status = torch.zeros(3, dtype=torch.int32, device=self.device)
+            bound, before = self._bind(work, matter, state, span)
+            program = forward(bound, wp.from_torch(status), (work.arrays.He, work.arrays.HN))
+            for numbers in self._rounds(range(span.steps), 0):
+                program.run([numbers], before)
+                u, v, C, He, H, memory, HN = work.take(0)
+                assert u is not None and v is not None and C is not None and He is not None
+                time = min(span.start + (numbers["s"] + 1) * span.dt, span.end)
+                yield numbers["s"], status.tolist(), State(state.x.detach() + u, v, C, He, H, memory, HN, time)
+
+    def _bind(self, work: Rows, matter: Matter, state: State, span: Span) -> tuple[Bound, Callable[[int], None] | None]:
+        """Arguments of a frame that begins with ``state``; and what is to be done before every round."""
+        body, active = self.body, self.active(state, span)
         if body is None:
-            return Bound(self._args, work, matter, span, None), None
+            return Bound(self._args, work, matter, span, None, active), None
         now = torch.empty(work.n, 3, dtype=self.dtype, device=self.device)
 
         def accelerate(s: int) -> None:
             now.copy_(body(span.start + s * span.dt))
 
-        return Bound(self._args, work, matter, span, now), accelerate
+        return Bound(self._args, work, matter, span, now, active), accelerate
+
+    def active(self, state: State, span: Span) -> Active | None:
+        """The nodes that a frame from ``state`` works on; None: all."""
+        if span.grid.slack is None:
+            return None
+        T = span.n_sub * span.dt
+        x, grid, time, known = self._active
+        if x is not state.x or grid != span.grid or time != T or known is None:
+            planes, order = self.planes.planes(span.grid), self.scheme.order
+            known = active(state.x, state.v, span.grid, T, self.gravity, order, planes, REACH)
+            self._active = state.x, span.grid, T, known
+        return known
 
     def _rounds(self, which: Sequence[int], stride: int) -> list[dict[str, int]]:
         """Numbers of some rounds in order, whose states lie ``stride`` rows apart."""
@@ -150,6 +218,7 @@ class Solver:
         gravity: bool = False,
         walls: bool = False,
         wave: bool = False,
+        watch: Callable[[int, Bars], None] | None = None,
     ) -> Bars:
         """Gradients with respect to ``state``, to (w_e, w_p, θ, m) and to the scene, given those with respect to the
         state after ``span``.
@@ -162,12 +231,13 @@ class Solver:
             needs: which of w_e, w_p, θ, m want one.
             kept: what ``advance`` kept; then nothing is run again.
             gravity, walls, wave: whether gravity, the data of the walls and what goes by the fastest wave want one.
+            watch: is told the number of every round that has been gone back through, and the gradients so far.
         """
         segment = span.steps if kept is not None else min(segment or self._segment(state, span), span.steps)
         with self._args.stream():
             starts = list(range(0, span.steps, segment))
             work = Rows(self.variant, state, slots=segment + 1) if kept is None else kept
-            bound, before = self._bind(work, matter, span)
+            bound, before = self._bind(work, matter, state, span)
             flowed = self._room(work.n)
             again = forward(bound, bound.status, flowed)
             bars = self._with_room(bars, matter, span, needs, gravity, walls, wave)
@@ -183,13 +253,18 @@ class Solver:
                 rounds = self._rounds(range(s, min(s + segment, span.steps)), work.n)
                 if kept is None:
                     again.run(rounds, before)
-                back.run([r | {"to": 0} for r in reversed(rounds)], before)  # what p2g writes again is scratch
+                backwards = [r | {"to": 0} for r in reversed(rounds)]  # what p2g writes again is scratch
+                if watch is None:
+                    back.run(backwards, before)
+                else:
+                    for r in backwards:
+                        back.run([r], before)
+                        watch(r["s"], bars)
         return bars
 
     def _segment(self, state: State, span: Span) -> int:
         """Rounds that are kept at once unless told otherwise."""
-        row = sum(t[0].numel() for t in state.tensors() if t is not None) * state.x.element_size() * state.x.shape[0]
-        return span.steps if (span.steps + 1) * row <= SEGMENT_BYTES else max(1, round(span.steps**0.5))
+        return segment_of(span.steps, state_bytes(state))
 
     def _with_room(
         self, bars: Bars, matter: Matter, span: Span, needs: Needs, gravity: bool, walls: bool, wave: bool

@@ -39,6 +39,9 @@ class Variant:
     twice: bool = False
     """Whether the nodes are gone through twice although nothing else asks for it, as a backward pass needs."""
 
+    sparse: bool = False
+    """Whether only some nodes of the block are worked on, see ``active``."""
+
     @cached_property
     def elastic(self) -> bool:
         """Whether some wall is elastic, so that nodes know how far from it their matter is."""

@@ -21,7 +21,7 @@ from diffuphy.mpm.boundary.motion import Schedule, Vec, vector
 from diffuphy.mpm.boundary.shapes import Box, Cylinder, HalfSpace, Kind, Solid, Sphere, container
 
 __all__ = [
-    "DAMPING", "N_WALL", "SLACK", "Boundary", "Box", "Cylinder", "HalfSpace", "Kind", "Mesh", "Schedule", "Signature", "Solid",
-    "Sphere", "Vec", "can_be_elastic", "container", "make_contact", "rows", "sdf_samples", "signature", "vector",
-    "wall_gradients",
+    "DAMPING", "N_WALL", "SLACK", "Boundary", "Box", "Cylinder", "HalfSpace", "Kind", "Mesh", "Schedule",
+    "Signature", "Solid", "Sphere", "Vec", "can_be_elastic", "container", "make_contact", "rows", "sdf_samples",
+    "signature", "vector", "wall_gradients",
 ]  # fmt: skip

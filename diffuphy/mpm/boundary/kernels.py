@@ -130,7 +130,7 @@ def make_contact(walls: Signature, real: type, order: int = 2) -> SimpleNamespac
     the branch a node is in; which nodes a wall governs, its normals and its places are held fixed.
     """
     apply, adjoint, adjoint_rows, nearest = _make_chain(walls, 0, real, order)
-    vec3, vec4, wall_t = (wp.types.vector(n, real) for n in (3, 4, N_WALL))
+    vec3, wall_t = (wp.types.vector(n, real) for n in (3, N_WALL))
 
     @wp.func(module="unique")
     def first(r: vec3, dx: real, row: wp.array2d[wall_t], sdf: wp.array[real], s: wp.int32):
