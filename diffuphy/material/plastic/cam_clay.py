@@ -3,10 +3,10 @@
     yield   q² (1 + 2β)/M² + (p + β p_c)(p − p_c) ≤ 0,   p = −κ tr e,  q = √(3/2) 2μ |ê|,  M = 6 sin φ/(3 − sin φ)
     hardens p_c = p_Y exp(−ξ ln J_p),   ln J_p = ln J − tr e, the plastic volume at the beginning of the step
 
-J is the total volume. An ellipse from the tension limit −β p_c to the cap p_c: pressed beyond the cap the pores collapse
-and p_c grows, torn or sheared on the loose side they open and p_c falls, and what lies open bears nothing until it is
-pressed together again. The flow is associated: the elastic strain goes to the nearest point of the ellipse in the norm
-of the elastic energy μ |ê|² + κ/2 (tr e)², so no step creates energy. With P = p_c/κ, x = tr e − t_c and semi-axes
+J is the total volume. An ellipse from the tension limit −β p_c to the cap p_c: pressed beyond the cap the pores
+collapse and p_c grows, torn or sheared on the loose side they open and p_c falls, and what lies open bears nothing
+until it is pressed together again. The flow is associated: the elastic strain goes to the nearest point of the ellipse
+in the norm of the elastic energy μ |ê|² + κ/2 (tr e)², so no step creates energy. With P = p_c/κ, x = tr e − t_c and
 
     t_c = −(1 − β) P/2,  A = (1 + β) P/2 in tr e,   B = g A in |ê|,  g = κ M/(√6 μ √(1 + 2β)),  w = κ/(2μ)
 
@@ -50,14 +50,14 @@ def build(layout: Layout) -> PlasticFunctions:
 
     @wp.func(module="unique")
     def ellipse(tr: real, theta: theta_t, t: real):
-        """P, g, w and 1/κ [1/Pa]."""
+        """P, g and w."""
         nu = theta[at_nu]
         inverse = three * (one - two * nu) / theta[at_E]
         w = (one + nu) / (one - two * nu) / three
         P = theta[at_p] * inverse * wp.exp(-theta[at_xi] * (t - tr))
         s = wp.sin(degree * theta[at_phi])
         g = real(12.0) * s / (three - s) * w / (root6 * wp.sqrt(one + two * theta[at_beta]))
-        return P, g, w, inverse
+        return P, g, w
 
     @wp.func(module="unique")
     def nearest(n: real, x: real, A: real, B: real, w: real):
@@ -78,7 +78,7 @@ def build(layout: Layout) -> PlasticFunctions:
 
     @wp.func(module="unique")
     def flow(n: real, tr: real, theta: theta_t, dt: real, h: memory_t):
-        P, g, w, _inverse = ellipse(tr, theta, h[at_t])
+        P, g, w = ellipse(tr, theta, h[at_t])
         beta = theta[at_beta]
         A = half * (one + beta) * P
         B = g * A
@@ -113,7 +113,7 @@ def build(layout: Layout) -> PlasticFunctions:
 
     @wp.func(module="unique")
     def flow_adjoint(n: real, tr: real, theta: theta_t, dt: real, a_bar: real, b_bar: real, h: memory_t):
-        P, g, w, inverse = ellipse(tr, theta, h[at_t])
+        P, g, w = ellipse(tr, theta, h[at_t])
         beta, nu, xi = theta[at_beta], theta[at_nu], theta[at_xi]
         A = half * (one + beta) * P
         B = g * A

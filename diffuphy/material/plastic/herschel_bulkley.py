@@ -5,9 +5,9 @@
         x + c x^m = 1,   m = 1/N,   c = √2 μ Δt/y (y/(√2 K))^m;         a = (1 − x) y/s,  b = 0
 
 K is the true consistency [Pa s^N] and N the flow index: 1 is ``viscoplastic`` with η = K, below it thins, above it
-thickens. The root is found by Newton's method on whichever of x and x^m makes the equation convex, P u^p + L u = 1 with
-p ≥ 1 and max(P, L) = 1: the root lies in [½, 1], the iteration starts at 1 and descends monotonically. The logarithm of
-c is used, never c, so that 4 decades of rate at N = 0.1 do not overflow. The derivative is that of the implicit function.
+thickens. Newton's method solves for whichever of x and x^m makes the equation convex, P u^p + L u = 1 with p ≥ 1 and
+max(P, L) = 1: the root lies in [½, 1], and from 1 the iteration descends to it monotonically. The logarithm of c is
+used, never c, so that decades of rate at N = 0.1 do not overflow. The derivative is that of the implicit function.
 Herschel & Bulkley, Kolloid-Zeitschrift 39 (1926); Yue et al., ACM TOG 34 (2015), §3, with η there 2K.
 """
 
