@@ -1,0 +1,6 @@
+"""Mechanics and gradients against closed forms, conservation laws and manufactured solutions: ``docs/verification.md``.
+
+    python -m benchmarks verification                       # every case under the default transfer
+    python -m benchmarks verification B2 B3 --scheme all    # two of them under every transfer
+    python -m benchmarks verification --tier 0              # those of the daily tests
+"""
