@@ -1,6 +1,16 @@
-"""Mechanics and gradients against closed forms, conservation laws and manufactured solutions: ``docs/verification.md``.
+"""Mechanics and gradients against closed forms, conservation laws and manufactured solutions: docs/verification.md.
 
-    python -m benchmarks verification                       # every case under the default transfer
-    python -m benchmarks verification B2 B3 --scheme all    # two of them under every transfer
-    python -m benchmarks verification --tier 0              # those of the daily tests
+python -m benchmarks verification                       # every case under the default transfer
+python -m benchmarks verification B2 B3 --scheme all    # two of them under every transfer
+python -m benchmarks verification --tier 0              # those of the daily tests
 """
+
+# The order of the imports is the order of the cases in the table.
+from benchmarks.verification import free, laws, invariance, manufactured, waves, impact, gradients, adjoints  # isort: skip
+from benchmarks.verification.case import CASES, Case, Check, Setting, Unavailable, settings
+from benchmarks.verification.report import main
+
+__all__ = [
+    "CASES", "Case", "Check", "Setting", "Unavailable", "adjoints", "free", "gradients", "impact", "invariance", "laws",
+    "main", "manufactured", "settings", "waves",
+]  # fmt: skip

@@ -53,9 +53,7 @@ def at_least(what: str, measured: float, limit: float, reference: float | None =
     return Check(what, float(measured), limit, math.inf, reference, unit)
 
 
-def within(
-    what: str, measured: float, lo: float, hi: float, reference: float | None = None, unit: str = ""
-) -> Check:
+def within(what: str, measured: float, lo: float, hi: float, reference: float | None = None, unit: str = "") -> Check:
     return Check(what, float(measured), lo, hi, reference, unit)
 
 

@@ -119,7 +119,7 @@ def drifts(s: Setting, body: Body) -> tuple[float, float, Tensor]:
 
 @case("A3", "Linear momentum")
 def linear(s: Setting) -> list[Check]:
-    """Σ m v of a spinning, vibrating brick does not change in 1000 substeps: internal forces sum to zero, Σ_i ∇w_ip = 0."""
+    """Σ m v of a spinning, vibrating brick does not change in 1000 substeps: Σ_i ∇w_ip = 0, forces sum to zero."""
     return [
         at_most("relative drift, float64", drifts(s, brick())[0], 1e-12),
         at_most("relative drift, float32", drifts(s, brick().to(torch.float32))[0], 2e-5),

@@ -1,5 +1,6 @@
 """B6, B7: a bending beam and a bouncing ball."""
 
+import itertools
 import math
 from functools import lru_cache
 
@@ -41,13 +42,14 @@ def cantilever(s: Setting) -> list[Check]:
     """Turek & Hron CSM3: the tip sinks to −128.8 mm at 1.0995 Hz (E = 1.4 MPa, ν = 0.4, g = 2 m/s², plane strain).
 
     Two and four cells through the height; an independent code has −137.9 mm, 1.048 Hz and −132.3 mm, 1.073 Hz with
-    classic forces, −141.0 mm and 1.030 Hz with MLS and four cells.
+    classic forces, −141.0 mm and 1.030 Hz with MLS and four cells. The axial displacement goes with the square of the
+    deflection: −28.61 mm (u/128.77)² at the ends of its interval.
     """
     coarse, fine = beam(s, 2), beam(s, 4)
     return [
         within("lowest tip, 4 cells", fine[0] * 1e3, -146.0, -125.0, -128.77, "mm"),
         within("frequency, 4 cells", fine[2], 1.02, 1.12, 1.0995, "Hz"),
-        within("axial displacement then, 4 cells", fine[1] * 1e3, -37.0, -25.0, -28.61, "mm"),
+        within("axial displacement then, 4 cells", fine[1] * 1e3, -37.0, -26.0, -28.61, "mm"),
         at_most("|error of the tip|, 4 cells over 2", abs(fine[0] + 0.12877) / abs(coarse[0] + 0.12877), 1.0),
     ]
 
@@ -75,7 +77,7 @@ def bounce(s: Setting, cells: int) -> tuple[float, float, float]:
     scene = {"dx": dx, "velocity": (0.0, 0.0, -speed), "boundaries": (HalfSpace(),)}
     states = run(s, body, dt, per, frames, scene=scene)
     p = [float(momentum(body, a)[2]) for a in states]
-    push = [(b - a) / (per * dt) for a, b in zip(p, p[1:], strict=False)]
+    push = [(b - a) / (per * dt) for a, b in itertools.pairwise(p)]
     top = max(push)
     on = [i for i, f in enumerate(push) if f > 0.01 * top]
     return (on[-1] - on[0] + 1) * per * dt / contact, top / force, p[-1] / (m * speed)

@@ -1,4 +1,4 @@
-"""A6, A7: stress, seen through the solver; uniform stress does not accelerate, and τ is the derivative of its energy."""
+"""A6, A7: stress seen through the solver: uniform, it accelerates nothing; everywhere it is the slope of an energy."""
 
 import torch
 from torch import Tensor

@@ -1,4 +1,4 @@
-"""B1, B4: manufactured solutions. The body force that makes a chosen motion exact is applied, and the error is measured.
+"""B1, B4: manufactured solutions: the body force that makes a chosen motion exact is applied, the error measured.
 
     b = u_tt − (1/ρ) Div P,    (Div P)_i = Σ_j,k,l ∂P_ij/∂F_kl u_k,lj
 
@@ -151,7 +151,9 @@ def walled_error(s: Setting, n: int) -> float:
     rate = B4_A * B4_C * math.pi * torch.cos(phase)
     u, F = motion(0.0)
     eye = torch.eye(3, dtype=X.dtype)
-    start = at_rest(s, body, x=X + u, v=rate * shape, C=torch.diag_embed(rate * slope / F), He=torch.diag_embed(F) - eye)
+    start = at_rest(
+        s, body, x=X + u, v=rate * shape, C=torch.diag_embed(rate * slope / F), He=torch.diag_embed(F) - eye
+    )
     walls = [
         HalfSpace(kind="slip", point=(side, side, side), normal=tuple((1.0 - 2.0 * side) * eye[a]))
         for a in range(3)
@@ -174,7 +176,6 @@ def walled(s: Setting) -> list[Check]:
     e = [walled_error(s, n) for n in (8, 16, 32)]
     limits = (0.2, 0.13, 0.08)
     checks = [
-        at_most(f"rms error of u/A, {n} cells", v, limit)
-        for n, v, limit in zip((8, 16, 32), e, limits, strict=True)
+        at_most(f"rms error of u/A, {n} cells", v, limit) for n, v, limit in zip((8, 16, 32), e, limits, strict=True)
     ]
     return [*checks, at_least("order of u, 8 to 32 cells", order(e[0], e[2]) / 2, 0.5)]

@@ -1,6 +1,7 @@
 """B2, B3, B8: elastic waves in a bar, whose solutions are known in closed form."""
 
 import dataclasses
+import itertools
 import math
 from functools import lru_cache
 
@@ -103,7 +104,9 @@ def free_bar(s: Setting) -> list[Check]:
             gain = displacement_error(baseline("apic"), n, 0.4) / displacement_error(s, n, 0.4)
             checks.append(at_least(f"error of plain APIC over this one, {n} cells", gain, 5.0))
         losses = [ringing(s, 16, cfl)[1] for cfl in (0.75, 0.4, 0.1, 0.05)]
-        checks.append(at_most("loss per period, largest over smallest, CFL 0.75 … 0.05", max(losses) / min(losses), 1.5))
+        checks.append(
+            at_most("loss per period, largest over smallest, CFL 0.75 … 0.05", max(losses) / min(losses), 1.5)
+        )
         checks.append(at_most("|period error| (L/Δx)², 32 cells", abs(errors[32][0]) * 32**2, 0.7))
     else:
         for n in (16, 32):
@@ -149,7 +152,7 @@ def column(s: Setting, n: int) -> tuple[float, float, float]:
         exact = still + (waves * torch.cos(k * C * state.time)).sum(1)
         errors.append(float(((state.x[:, 2] - X - exact) ** 2).mean().sqrt()))
     centre = [float((a.x[:, 2] - X).mean()) for a in states]
-    speed = [b - a for a, b in zip(centre, centre[1:], strict=False)]  # at the middle of each frame
+    speed = [b - a for a, b in itertools.pairwise(centre)]  # at the middle of each frame
     low = crossings(speed)[0] + 0.5
     return 2 * low * per * dt / (4 * L / C) - 1, min(centre) / (-2 * fall / 3) - 1, max(errors) / fall
 
