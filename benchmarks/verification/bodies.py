@@ -99,7 +99,7 @@ def skew(a: Tensor) -> Tensor:
 
 
 def run(
-    s: Setting, body: Body, dt: float, per: int, frames: int, *, scene: dict[str, Any] | None = None, **options: Any
+    s: Setting, body: Body, dt: float, per: int, frames: int, /, *, scene: dict[str, Any] | None = None, **options: Any
 ) -> list[State]:
     """The states after 0, per, 2 per … substeps of exactly ``dt``."""
     made = dataclasses.replace(s.scene(**(scene or {})), fps=1.0 / (dt * per))

@@ -204,9 +204,10 @@ def reversal(s: Setting) -> list[Check]:
     """
     u16, v16 = returned(s, 16)
     u32, v32 = returned(s, 32)
+    better = 5.0 if s.improved else 1.0
     checks = [
-        at_most("u left, 16 cells", u16, 0.07),
-        at_most("u left, 32 cells", u32, 0.035),
+        at_most("u left, 16 cells", u16, 0.07 / better),
+        at_most("u left, 32 cells", u32, 0.035 / better),
         within("|v| at the end over the start, 16 cells", v16, 0.99, 1.001, 1.0),
         within("|v| at the end over the start, 32 cells", v32, 0.999, 1.001, 1.0),
     ]
