@@ -212,6 +212,8 @@ class MaterialField(Result):
     """Parameters by name (the union over the experts), each of shape (N,), SI units."""
     rho: Tensor
     """Density, shape (N,) [kg/m³]."""
+    branches: tuple[str, ...] = ()
+    """Names of the viscous branches beside the elastic experts; their parameters are in ``theta``."""
 
     def __len__(self) -> int:
         return self.rho.shape[0]

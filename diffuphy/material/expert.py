@@ -7,12 +7,20 @@ functions read their parameters at fixed places and nothing is looked up at run 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import torch
 import warp as wp
+
+MEMORY = ("log_J", "slip", "heat")
+"""What a particle may remember, in the order of the memory vector h; only what some law reads is kept.
+
+log_J: ln det of the total deformation [-]; the solver adds ln det(I + Δt C) of each step.
+slip: accumulated equivalent plastic strain [-], slip' = slip + √(2/3) a |ê|; the mixture adds it.
+heat: progress of melting [-], heat' = heat + Δt/melt_time; the mixture adds it.
+"""
 
 
 @dataclass(frozen=True)
@@ -48,6 +56,10 @@ class Layout:
     """``wp.float32`` or ``wp.float64``."""
     params: tuple[str, ...]
     """Names of the parameters, in the order of θ."""
+    memory: tuple[str, ...] = ()
+    """Names of what is remembered, in the order of h; a part of ``MEMORY``."""
+    aliases: tuple[tuple[str, str], ...] = ()
+    """Pairs (name a law asks for, name of the parameter it gets): one law may serve twice with other parameters."""
 
     @cached_property
     def vec3(self) -> Any:
@@ -61,9 +73,21 @@ class Layout:
     def theta_t(self) -> Any:
         return wp.types.vector(max(1, len(self.params)), self.real)
 
+    @cached_property
+    def memory_t(self) -> Any:
+        return wp.types.vector(max(1, len(self.memory)), self.real)
+
     def at(self, name: str) -> int:
         """Index of a parameter in θ."""
-        return self.params.index(name)
+        return self.params.index(dict(self.aliases).get(name, name))
+
+    def remembers(self, name: str) -> int:
+        """Index in h of something that is remembered."""
+        return self.memory.index(name)
+
+    def renamed(self, **aliases: str) -> "Layout":
+        """The same layout for a law that is to read other parameters than those it asks for."""
+        return replace(self, aliases=tuple(aliases.items()))
 
 
 @dataclass(frozen=True)
@@ -89,14 +113,14 @@ class PlasticFunctions:
     """Warp functions of one plastic law; n = |ê|, tr = Σ e_i of the trial state.
 
     A return map keeps the principal frame and is given by two scalars: ln z_i = m + k ê_i. They are written as what
-    flows, a = 1 − k and b = m − tr/3, so that a state that does not flow has a = b = 0 *exactly*. A law with
-    ``volumetric_memory`` also reads t = ln J, J = det F of the total deformation, as the last argument.
+    flows, a = 1 − k and b = m − tr/3, so that a state that does not flow has a = b = 0 *exactly*. A law with memory
+    also reads the vector h of what the particle remembers, as the last argument, at ``layout.remembers(name)``.
     """
 
     flow: Any
-    """(n, tr, θ, dt) → (a, b), with memory (n, tr, θ, dt, t) → (a, b)."""
+    """(n, tr, θ, dt) → (a, b), with memory (n, tr, θ, dt, h) → (a, b)."""
     flow_adjoint: Any
-    """(n, tr, θ, dt, ā, b̄) → (n̄, t̄r, θ̄), with memory (n, tr, θ, dt, ā, b̄, t) → (n̄, t̄r, θ̄, t̄)."""
+    """(n, tr, θ, dt, ā, b̄) → (n̄, t̄r, θ̄), with memory (n, tr, θ, dt, ā, b̄, h) → (n̄, t̄r, θ̄, h̄)."""
 
 
 @dataclass(frozen=True)
@@ -130,9 +154,12 @@ class Plastic:
     build: Callable[[Layout], PlasticFunctions]
     """Warp functions for one layout."""
     flow: Callable[..., tuple[torch.Tensor, torch.Tensor]]
-    """Torch reference: (n, tr, θ by name, dt) → (a, b), with memory (n, tr, θ by name, dt, t) → (a, b)."""
+    """Torch reference: (n, tr, θ by name, dt) → (a, b), with memory (n, tr, θ by name, dt, h by name) → (a, b)."""
     is_identity: bool = False
     """True only for the map that changes nothing."""
-    volumetric_memory: bool = False
-    """Whether the law reads how far the matter has opened since the beginning, t = ln det F of the total deformation;
-    only a simulation with such a law keeps that number."""
+    memory: tuple[str, ...] = ()
+    """What the law reads of ``MEMORY``; only a simulation with such a law keeps it."""
+
+    def __post_init__(self) -> None:
+        if unknown := [m for m in self.memory if m not in MEMORY]:
+            raise ValueError(f"{self.name}: unknown memory {unknown[0]!r}; known: {', '.join(MEMORY)}")

@@ -18,6 +18,9 @@ diagonal by divided differences that are smooth at equal stretches,
 and never by the adjoint of a singular value decomposition, which does not exist at F = I. Laws that have a direct form
 τ(F) and no plasticity are summed without any decomposition. Kernels hold exactly the laws that were asked for.
 
+What a law remembers (``expert.MEMORY``) comes in as the vector h and goes out as h'; without such a law neither exists.
+Viscous branches stand beside the mixture, each with a deformation of its own (:mod:`.branch`).
+
 Where det F ≤ 0 no state of the material exists: the functions answer NaN, and ``Mixture.valid`` tells where.
 """
 
@@ -29,9 +32,10 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from . import linalg, principal, sums
+from . import linalg, principal, sums, wave
+from .branch import BRANCHES, BranchFunctions
 from .elastic import ELASTIC
-from .expert import Layout
+from .expert import MEMORY, ElasticFunctions, Layout
 from .plastic import PLASTIC
 
 
@@ -49,8 +53,10 @@ class Mixture:
     """False if every law has a direct form: then no principal frame is computed."""
     plastic: bool
     """False if nothing can flow: then Fe is F_trial itself."""
-    volumetric_memory: bool
-    """True if a law reads t = ln det F of the total deformation: then, and only then, t is an argument below."""
+    memory: tuple[str, ...]
+    """What some law remembers, in the order of h; if nothing, h is no argument below."""
+    branches: tuple[str, ...]
+    """Viscous branches beside the elastic laws, at most "maxwell"."""
     real: Any
     vec3: Any
     mat33: Any
@@ -60,14 +66,35 @@ class Mixture:
     """Vector type of the plastic weights, length max(1, Kp)."""
     theta_t: Any
     """Vector type of θ."""
+    memory_t: Any
+    """Vector type of h, length max(1, len(memory))."""
     stress: Any
-    """(F_trial, w_e, w_p, θ, dt[, t]) → (τ [Pa], Fe)."""
+    """(F_trial, w_e, w_p, θ, dt[, h]) → (τ [Pa], Fe[, h'])."""
     stress_adjoint: Any
-    """(F_trial, w_e, w_p, θ, dt, τ̄, F̄e[, t]) → (F̄_trial, w̄_e, w̄_p, θ̄[, t̄]); τ̄ need not be symmetric."""
+    """(F_trial, w_e, w_p, θ, dt, τ̄, F̄e[, h, h̄']) → (F̄_trial, w̄_e, w̄_p, θ̄[, h̄]); τ̄ need not be symmetric."""
     energy: Any
-    """(Fe, w_e, θ) → ψ [Pa], energy per unit rest volume."""
+    """(Fe, w_e, θ) → ψ [Pa], energy per unit rest volume; without the branches."""
+    wave: Any
+    """(Fe, w_e, θ) → ρ_0 c² [Pa] of the fastest wave in this state, branches included at their stiffness at rest."""
     valid: Any
     """(F) → bool: finite and det F > 0; one determinant, cheap enough for every substep."""
+    branch: BranchFunctions | None
+    """Functions of the viscous branch."""
+
+    @property
+    def branch_stress(self) -> Any:
+        """(F_N, θ, dt) → (τ_N [Pa], Fe_N); F_N: trial deformation of the branch."""
+        return None if self.branch is None else self.branch.stress
+
+    @property
+    def branch_stress_adjoint(self) -> Any:
+        """(F_N, θ, dt, τ̄, F̄e_N) → (F̄_N, θ̄)."""
+        return None if self.branch is None else self.branch.stress_adjoint
+
+    @property
+    def branch_energy(self) -> Any:
+        """(Fe_N, θ) → ψ_N [Pa]."""
+        return None if self.branch is None else self.branch.energy
 
     @property
     def n_theta(self) -> int:
@@ -95,13 +122,19 @@ def _known(names: tuple[str, ...], registry: dict[str, Any], kind: str) -> tuple
 
 
 @cache
-def make_mixture(elastic: tuple[str, ...], plastic: tuple[str, ...] = ("identity",), real: Any = wp.float32) -> Mixture:
+def make_mixture(
+    elastic: tuple[str, ...],
+    plastic: tuple[str, ...] = ("identity",),
+    real: Any = wp.float32,
+    branches: tuple[str, ...] = (),
+) -> Mixture:
     """Build the functions of a mixture, specialised on its laws.
 
     Args:
         elastic: names in ``ELASTIC``, at least one; order = columns of w_e. A single law ignores w_e.
         plastic: names in ``PLASTIC``; order = columns of w_p; empty = identity. A single law ignores w_p.
         real: ``wp.float32`` or ``wp.float64``.
+        branches: names in ``BRANCHES``.
 
     Raises:
         ValueError: no elastic law, an unknown name, or one given twice.
@@ -109,71 +142,61 @@ def make_mixture(elastic: tuple[str, ...], plastic: tuple[str, ...] = ("identity
     if not elastic:
         raise ValueError(f"a mixture needs at least one elastic law; known: {', '.join(ELASTIC)}")
     laws_e, laws_p = _known(elastic, ELASTIC, "elastic"), _known(plastic, PLASTIC, "plastic")
+    beside = _known(branches, BRANCHES, "branch")
     is_plastic = any(not law.is_identity for law in laws_p)
-    memory = any(law.volumetric_memory for law in laws_p)
-    params = tuple(dict.fromkeys(p.name for law in (*laws_e, *laws_p) for p in law.params))
-    layout = Layout(real, params)
+    memory = tuple(m for m in MEMORY if any(m in law.memory for law in laws_p))
+    params = tuple(dict.fromkeys(p.name for law in (*laws_e, *laws_p, *beside) for p in law.params))
+    layout = Layout(real, params, memory)
     w_e_t, w_p_t = (wp.types.vector(max(1, len(k)), real) for k in (elastic, plastic))
     decomposes = is_plastic or not all(law.is_direct for law in laws_e)
-    fe, fp = tuple(law.build(layout) for law in laws_e), tuple(law.build(layout) for law in laws_p)
+    fe = tuple(law.build(layout) for law in laws_e)
     total = sums.sum_elastic(layout, fe, w_e_t)
     if is_plastic:
-        if memory:
-            forms = zip(fp, laws_p, strict=True)
-            fp = tuple(f if law.volumetric_memory else sums.remembering(layout, f) for f, law in forms)
-        flows = (sums.sum_memory if memory else sums.sum_plastic)(layout, fp, w_p_t)
-        stress, adjoint = principal.elastoplastic(layout, total, flows, w_e_t, w_p_t, memory)
+        flows = sums.sum_plastic(layout, [(law.build(layout), bool(law.memory)) for law in laws_p], w_p_t)
+        made = principal.elastoplastic(layout, total, flows, w_e_t, w_p_t)
+        stress, adjoint = made[2:] if memory else made[:2]
     elif decomposes:
         stress, adjoint = principal.elastic(layout, total, w_e_t, w_p_t)
     else:
         stress, adjoint = _direct(layout, fe, w_e_t, w_p_t)
+    branch = beside[0].build(layout) if beside else None
     return Mixture(
-        elastic, plastic, params, decomposes, is_plastic, memory, real,
-        layout.vec3, layout.mat33, w_e_t, w_p_t, layout.theta_t,
-        stress, adjoint, principal.energy(layout, total, w_e_t), linalg.build(real).valid,
+        elastic, plastic, params, decomposes, is_plastic, memory, branches, real,
+        layout.vec3, layout.mat33, w_e_t, w_p_t, layout.theta_t, layout.memory_t,
+        stress, adjoint, principal.energy(layout, total, w_e_t), wave.build(layout, total, w_e_t, branch),
+        linalg.build(real).valid, branch,
     )  # fmt: skip
 
 
-def _direct(layout: Layout, laws: tuple[Any, ...], w_e_t: Any, w_p_t: Any) -> tuple[Any, Any]:
+def _direct(layout: Layout, laws: tuple[ElasticFunctions, ...], w_e_t: Any, w_p_t: Any) -> tuple[Any, Any]:
     """Stress and adjoint of laws that need no principal frame."""
     real, mat33, theta_t = layout.real, layout.mat33, layout.theta_t
-    K = len(laws)
+    tau_of, tau_adjoint = sums.sum_direct(layout, laws, w_e_t)
 
     @wp.func(module="unique")
     def stress(F: mat33, w_e: w_e_t, w_p: w_p_t, theta: theta_t, dt: real):
-        if wp.static(K == 1):
-            return wp.static(laws[0].direct)(F, theta), F
-        else:
-            tau = mat33()
-            for c in range(wp.static(K)):
-                tau += w_e[c] * wp.static(laws[c].direct)(F, theta)
-            return tau, F
+        return tau_of(F, w_e, theta), F
 
     @wp.func(module="unique")
     def stress_adjoint(F: mat33, w_e: w_e_t, w_p: w_p_t, theta: theta_t, dt: real, tau_bar: mat33, Fe_bar: mat33):
-        w_e_bar = w_e_t()
-        w_p_bar = w_p_t()
-        if wp.static(K == 1):
-            F_1, theta_1 = wp.static(laws[0].direct_adjoint)(F, theta, tau_bar)
-            return Fe_bar + F_1, w_e_bar, w_p_bar, theta_1
-        else:
-            F_bar = Fe_bar
-            theta_bar = theta_t()
-            for c in range(wp.static(K)):
-                w_e_bar[c] = wp.ddot(tau_bar, wp.static(laws[c].direct)(F, theta))
-                F_c, theta_c = wp.static(laws[c].direct_adjoint)(F, theta, tau_bar)
-                F_bar += w_e[c] * F_c
-                theta_bar += w_e[c] * theta_c
-            return F_bar, w_e_bar, w_p_bar, theta_bar
+        F_bar, w_e_bar, theta_bar = tau_adjoint(F, w_e, theta, tau_bar)
+        return Fe_bar + F_bar, w_e_bar, w_p_t(), theta_bar
 
     return stress, stress_adjoint
 
 
-def wave_speed(elastic: tuple[str, ...], w_e: Tensor, theta: dict[str, Tensor], rho: Tensor) -> Tensor:
-    """Fastest small-strain wave of a mixture at rest, c = √(Σ_c w_c c_c²) [m/s], shape (N,).
+def wave_speed(
+    elastic: tuple[str, ...],
+    w_e: Tensor,
+    theta: dict[str, Tensor],
+    rho: Tensor,
+    branches: tuple[str, ...] = (),
+) -> Tensor:
+    """Fastest small-strain wave of a mixture at rest, c = √(Σ_c w_c c_c² + Σ_N M_N/ρ) [m/s], shape (N,).
 
     Exact for elastic mixtures (stresses add, so moduli add) and an upper bound once something flows: no return map here
-    stiffens. Viscous laws are integrated implicitly and put no bound of their own on the time step.
+    stiffens. Viscous laws are integrated implicitly and put no bound of their own on the time step; a branch counts
+    with its stiffness before it relaxes. ``Mixture.wave`` is the same of a deformed state.
 
     Args:
         w_e: weights, shape (N, Ke); a single law counts as weight 1.
@@ -181,10 +204,12 @@ def wave_speed(elastic: tuple[str, ...], w_e: Tensor, theta: dict[str, Tensor], 
         rho: density, shape (N,) [kg/m³].
     """
     laws = _known(elastic, ELASTIC, "elastic")
-    if len(laws) == 1:
+    beside = _known(branches, BRANCHES, "branch")
+    if len(laws) == 1 and not beside:
         return laws[0].wave_speed(theta, rho)
     c2 = torch.stack([law.wave_speed(theta, rho) ** 2 for law in laws], dim=-1)
-    return torch.sqrt((w_e * c2).sum(-1))
+    c2 = c2[..., 0] if len(laws) == 1 else (w_e * c2).sum(-1)
+    return torch.sqrt(c2 + sum(b.stiffness(theta) for b in beside) / rho)
 
 
 def rate_gate(w_p: Tensor, plastic: tuple[str, ...], dt: float, dt_ref: float) -> Tensor:

@@ -5,8 +5,8 @@ from typing import Any
 import warp as wp
 
 from . import linalg
-from .expert import Layout, PlasticFunctions
-from .sums import ElasticSum
+from .expert import Layout
+from .sums import ElasticSum, PlasticSum
 
 
 def energy(layout: Layout, total: ElasticSum, w_e_t: Any) -> Any:
@@ -52,30 +52,113 @@ def elastic(layout: Layout, total: ElasticSum, w_e_t: Any, w_p_t: Any) -> tuple[
 
 
 def elastoplastic(
-    layout: Layout, total: ElasticSum, plastic: PlasticFunctions, w_e_t: Any, w_p_t: Any, memory: bool
-) -> tuple[Any, Any]:
-    """Stress and adjoint with a return map; only with memory they read t, and the adjoint gives t̄."""
-    real, vec3, mat33, theta_t = layout.real, layout.vec3, layout.mat33, layout.theta_t
-    la = linalg.build(real)
-    nothing = real(0.0)
-    near = real(0.25 if real is wp.float32 else 0.02)  # the next term of the series in pair, l⁶/30000, is below one ulp
+    layout: Layout, total: ElasticSum, plastic: PlasticSum, w_e_t: Any, w_p_t: Any
+) -> tuple[Any, Any, Any, Any]:
+    """Stress and adjoint with a return map, without and with memory: (stress, stress_adjoint, the two with h)."""
+    real, vec3, mat33, theta_t, memory_t = layout.real, layout.vec3, layout.mat33, layout.theta_t, layout.memory_t
+    la, forward, backward = linalg.build(real), _mapped(layout, total, w_e_t), _pulled_back(layout, total, w_e_t)
+    split, remember, remember_adjoint = _split(layout), *_remembering(layout)
+
+    @wp.func(module="unique")
+    def stress(F: mat33, w_e: w_e_t, w_p: w_p_t, theta: theta_t, dt: real):
+        B, V, s, e = la.principal(F)
+        tr, dev, n = split(e)
+        a, b = plastic.flow(n, tr, w_p, theta, dt, memory_t())
+        tau, Fe = forward(F, B, V, s, e, dev, a, b, w_e, theta)
+        return tau, Fe
+
+    @wp.func(module="unique")
+    def stress_h(F: mat33, w_e: w_e_t, w_p: w_p_t, theta: theta_t, dt: real, h: memory_t):
+        B, V, s, e = la.principal(F)
+        tr, dev, n = split(e)
+        a, b = plastic.flow(n, tr, w_p, theta, dt, h)
+        tau, Fe = forward(F, B, V, s, e, dev, a, b, w_e, theta)
+        return tau, Fe, remember(n, a, theta, dt, h)
+
+    @wp.func(module="unique")
+    def stress_adjoint_h(
+        F: mat33, w_e: w_e_t, w_p: w_p_t, theta: theta_t, dt: real, tau_bar: mat33, Fe_bar: mat33,
+        h: memory_t, h_bar: memory_t,
+    ):  # fmt: skip
+        B, V, s, e = la.principal(F)
+        tr, dev, n = split(e)
+        a, b = plastic.flow(n, tr, w_p, theta, dt, h)
+        X, x_bar, w_e_bar, theta_bar, U = backward(B, V, s, e, dev, a, b, w_e, theta, tau_bar, Fe_bar)
+        a_h, n_h, theta_h = remember_adjoint(n, a, theta, dt, h_bar)
+        sum = x_bar[0] + x_bar[1] + x_bar[2]
+        a_bar = a_h - wp.dot(x_bar, dev)
+        n_bar, tr_bar, w_p_bar, theta_p, h_p = plastic.flow_adjoint(n, tr, w_p, theta, dt, a_bar, sum, h)
+        n_bar += n_h
+        # ē = (1 − a) x̄ + (a tr x̄/3 + t̄r) + n̄ ê/n
+        mean = a * sum / real(3.0) + tr_bar
+        e_bar = (real(1.0) - a) * x_bar + vec3(mean, mean, mean)
+        if n > real(0.0):
+            e_bar += (n_bar / n) * dev
+        X += wp.diag(wp.cw_div(e_bar, s))
+        return Fe_bar + U * X * wp.transpose(V), w_e_bar, w_p_bar, theta_bar + theta_h + theta_p, h_bar + h_p
+
+    @wp.func(module="unique")
+    def stress_adjoint(F: mat33, w_e: w_e_t, w_p: w_p_t, theta: theta_t, dt: real, tau_bar: mat33, Fe_bar: mat33):
+        F_bar, w_e_bar, w_p_bar, theta_bar, _h = stress_adjoint_h(
+            F, w_e, w_p, theta, dt, tau_bar, Fe_bar, memory_t(), memory_t()
+        )
+        return F_bar, w_e_bar, w_p_bar, theta_bar
+
+    return stress, stress_adjoint, stress_h, stress_adjoint_h
+
+
+def _split(layout: Layout) -> Any:
+    """e → (tr e, ê = e − tr e/3, |ê|)."""
+    real, vec3 = layout.real, layout.vec3
 
     @wp.func(module="unique")
     def split(e: vec3):
-        """Trace, deviator and its norm."""
         tr = e[0] + e[1] + e[2]
         t = tr / real(3.0)
         dev = e - vec3(t, t, t)
         return tr, dev, wp.length(dev)
 
+    return split
+
+
+def _remembering(layout: Layout) -> tuple[Any, Any]:
+    """(|ê|, a, θ, dt, h) → h' and its adjoint (…, h̄') → (ā, n̄, θ̄); h̄ = h̄' besides."""
+    real, theta_t, memory_t = layout.real, layout.theta_t, layout.memory_t
+    slips, heats = "slip" in layout.memory, "heat" in layout.memory
+    at_slip = layout.remembers("slip") if slips else 0
+    at_heat, at_time = (layout.remembers("heat"), layout.at("melt_time")) if heats else (0, 0)
+    root = real((2.0 / 3.0) ** 0.5)
+
     @wp.func(module="unique")
-    def stress(F: mat33, w_e: w_e_t, w_p: w_p_t, theta: theta_t, dt: real, t: real = nothing):
-        B, V, s, e = la.principal(F)
-        tr, dev, n = split(e)
-        if wp.static(memory):
-            a, b = plastic.flow(n, tr, w_p, theta, dt, t)
-        else:
-            a, b = plastic.flow(n, tr, w_p, theta, dt)
+    def remember(n: real, a: real, theta: theta_t, dt: real, h: memory_t):
+        step = memory_t()
+        if wp.static(slips):
+            step[at_slip] = root * a * n
+        if wp.static(heats):
+            step[at_heat] = dt / theta[at_time]
+        return h + step
+
+    @wp.func(module="unique")
+    def remember_adjoint(n: real, a: real, theta: theta_t, dt: real, h_bar: memory_t):
+        a_bar = real(0.0)
+        n_bar = real(0.0)
+        theta_bar = theta_t()
+        if wp.static(slips):
+            a_bar = root * n * h_bar[at_slip]
+            n_bar = root * a * h_bar[at_slip]
+        if wp.static(heats):
+            theta_bar[at_time] = -h_bar[at_heat] * dt / (theta[at_time] * theta[at_time])
+        return a_bar, n_bar, theta_bar
+
+    return remember, remember_adjoint
+
+
+def _mapped(layout: Layout, total: ElasticSum, w_e_t: Any) -> Any:
+    """Stress and elastic deformation from the frame of the trial state and what flows."""
+    real, vec3, mat33, theta_t = layout.real, layout.vec3, layout.mat33, layout.theta_t
+
+    @wp.func(module="unique")
+    def mapped(F: mat33, B: mat33, V: mat33, s: vec3, e: vec3, dev: vec3, a: real, b: real, w_e: w_e_t, theta: theta_t):
         Fe = F
         z = s
         h = e
@@ -87,6 +170,14 @@ def elastoplastic(
             Fe = F + (B * wp.diag(r - vec3(real(1.0), real(1.0), real(1.0)))) * wp.transpose(V)
         T = wp.cw_div(total.stress(z, h, w_e, theta), wp.cw_mul(s, s))
         return (B * wp.diag(T)) * wp.transpose(B), Fe
+
+    return mapped
+
+
+def _pulled_back(layout: Layout, total: ElasticSum, w_e_t: Any) -> Any:
+    """Adjoint of :func:`_mapped`: gradient in the trial frame, less that of e, and the gradient of ln z."""
+    real, vec3, mat33, theta_t = layout.real, layout.vec3, layout.mat33, layout.theta_t
+    near = real(0.25 if real is wp.float32 else 0.02)  # the next term of the series in pair, l⁶/30000, is below one ulp
 
     @wp.func(module="unique")
     def pair(s_i: real, s_j: real, z_i: real, z_j: real, l: real, k: real, d: real, G: real, H_ij: real, H_ji: real):
@@ -107,15 +198,10 @@ def elastoplastic(
         return sym + skew + q * s_j, sym - skew + q * s_i
 
     @wp.func(module="unique")
-    def stress_adjoint(
-        F: mat33, w_e: w_e_t, w_p: w_p_t, theta: theta_t, dt: real, tau_bar: mat33, Fe_bar: mat33, t: real = nothing
-    ):
-        B, V, s, e = la.principal(F)
-        tr, dev, n = split(e)
-        if wp.static(memory):
-            a, b = plastic.flow(n, tr, w_p, theta, dt, t)
-        else:
-            a, b = plastic.flow(n, tr, w_p, theta, dt)
+    def pulled_back(
+        B: mat33, V: mat33, s: vec3, e: vec3, dev: vec3, a: real, b: real, w_e: w_e_t, theta: theta_t,
+        tau_bar: mat33, Fe_bar: mat33,
+    ):  # fmt: skip
         h = e
         z = s
         if a != real(0.0) or b != real(0.0):
@@ -127,30 +213,12 @@ def elastoplastic(
         H = wp.transpose(U) * Fe_bar * V
         h_bar, w_e_bar, theta_bar = total.stress_adjoint(z, h, w_e, theta, real(0.5) * wp.get_diag(G))
         h_bar += wp.cw_mul(wp.get_diag(H), z)
-        sum = h_bar[0] + h_bar[1] + h_bar[2]
-        a_bar = -wp.dot(h_bar, dev)
-        if wp.static(memory):
-            n_bar, tr_bar, w_p_bar, theta_p, t_bar = plastic.flow_adjoint(n, tr, w_p, theta, dt, a_bar, sum, t)
-        else:
-            n_bar, tr_bar, w_p_bar, theta_p = plastic.flow_adjoint(n, tr, w_p, theta, dt, a_bar, sum)
-        # ē = (1 − a) h̄ + (a tr h̄/3 + t̄r) + n̄ ê/n
         k = real(1.0) - a
-        mean = a * sum / real(3.0) + tr_bar
-        e_bar = k * h_bar + vec3(mean, mean, mean)
-        if n > real(0.0):
-            e_bar += (n_bar / n) * dev
         d = total.slope(z, h, w_e, theta)
         x01, x10 = pair(s[0], s[1], z[0], z[1], e[0] - e[1], k, d[2], G[0, 1], H[0, 1], H[1, 0])
         x02, x20 = pair(s[0], s[2], z[0], z[2], e[0] - e[2], k, d[1], G[0, 2], H[0, 2], H[2, 0])
         x12, x21 = pair(s[1], s[2], z[1], z[2], e[1] - e[2], k, d[0], G[1, 2], H[1, 2], H[2, 1])
-        X = mat33(
-            e_bar[0] / s[0] - H[0, 0], x01, x02,
-            x10, e_bar[1] / s[1] - H[1, 1], x12,
-            x20, x21, e_bar[2] / s[2] - H[2, 2],
-        )  # fmt: skip
-        if wp.static(memory):
-            return Fe_bar + U * X * wp.transpose(V), w_e_bar, w_p_bar, theta_bar + theta_p, t_bar
-        else:
-            return Fe_bar + U * X * wp.transpose(V), w_e_bar, w_p_bar, theta_bar + theta_p
+        X = mat33(-H[0, 0], x01, x02, x10, -H[1, 1], x12, x20, x21, -H[2, 2])
+        return X, h_bar, w_e_bar, theta_bar, U
 
-    return stress, stress_adjoint
+    return pulled_back

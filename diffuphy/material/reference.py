@@ -36,14 +36,15 @@ def energy(F: Tensor, law: str, params: Mapping[str, float | Tensor]) -> Tensor:
 
 
 def return_map(
-    F: Tensor, law: str, params: Mapping[str, float | Tensor], dt: float = 0.0, log_J: Tensor | None = None
-) -> Tensor:
+    F: Tensor, law: str, params: Mapping[str, float | Tensor], dt: float = 0.0,
+    memory: Mapping[str, Tensor] | None = None,
+) -> Tensor:  # fmt: skip
     """Elastic deformation after the return map, Fe = U diag(z) Vᵀ with ln z = e + b − a ê, shape (..., 3, 3).
 
     Args:
         dt: time over which a viscous law flows [s].
-        log_J: ln det of the total deformation, shape (...,), for laws with ``volumetric_memory``; None: that of F, of
-            matter that never opened.
+        memory: what the law remembers (``expert.MEMORY``), each of shape (...,); what is missing is that of new matter:
+            log_J that of F, slip and heat zero.
 
     Raises as :func:`kirchhoff`.
     """
@@ -52,8 +53,9 @@ def return_map(
     e = s.log()
     tr = e.sum(-1)
     dev = e - tr[..., None] / 3
-    memory = ((tr if log_J is None else log_J),) if found.volumetric_memory else ()
-    a, b = found.flow(dev.norm(dim=-1), tr, theta, dt, *memory)
+    new = {"log_J": tr, "slip": torch.zeros_like(tr), "heat": torch.zeros_like(tr)}
+    past = ({**new, **(memory or {})},) if found.memory else ()
+    a, b = found.flow(dev.norm(dim=-1), tr, theta, dt, *past)
     return (U * torch.exp(e + b[..., None] - a[..., None] * dev)[..., None, :]) @ Vh
 
 

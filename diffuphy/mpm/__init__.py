@@ -1,15 +1,32 @@
 """The material point method: particles, walls, grid, time; and its adjoint."""
 
 import diffuphy.compiling  # noqa: F401, sets Warp up before it starts
-from diffuphy.mpm.boundary import Boundary, HalfSpace, Sphere
+from diffuphy.mpm.boundary import Boundary, Box, Cylinder, HalfSpace, Mesh, Schedule, Sphere, container
+from diffuphy.mpm.controls import Controls
+from diffuphy.mpm.drive import (
+    Acceleration,
+    Attractor,
+    Drag,
+    Drive,
+    Held,
+    Impulse,
+    InBall,
+    InBox,
+    InCylinder,
+    Release,
+    Vortex,
+)
 from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.rollout import FrameReport, rollout, simulate
 from diffuphy.mpm.sample import Sample, coarsen
 from diffuphy.mpm.scene import SCENES, Scene, scene_for
+from diffuphy.mpm.scheme import Scheme
 from diffuphy.mpm.solver import Solver
 from diffuphy.mpm.state import Matter, Span, State
 
 __all__ = [
-    "SCENES", "Boundary", "FrameReport", "Grid", "HalfSpace", "Matter", "Sample", "Scene", "Solver", "Span", "Sphere",
-    "State", "coarsen", "rollout", "scene_for", "simulate",
+    "SCENES", "Acceleration", "Attractor", "Boundary", "Box", "Controls", "Cylinder", "Drag", "Drive",
+    "FrameReport", "Grid", "HalfSpace", "Held", "Impulse", "InBall", "InBox", "InCylinder", "Matter", "Mesh",
+    "Release", "Sample", "Scene", "Schedule", "Scheme", "Solver", "Span", "Sphere", "State", "Vortex", "coarsen",
+    "container", "rollout", "scene_for", "simulate",
 ]  # fmt: skip

@@ -1,204 +1,196 @@
-"""Adjoint of one substep, by hand: only particle states are kept, the grid is computed again.
+"""Adjoint of one substep on the particles, by hand; ``kernels`` has the formulas it belongs to.
 
-With bars for ∂loss/∂, v_i after contact and P = 1/m_i the scaling of the grid, one step backwards is
+With bars for ∂loss/∂ and the rest of the step in ``nodes_adjoint``, one step backwards is
 
-    g2p     V̄_p = v̄_p' + Δt x̄_p',  C̄_p ← C̄_p' + Δt H̄_p' Fe_pᵀ,  F̄e_p = (I + Δt C_p')ᵀ H̄_p'
-            v̄_i = Σ_p w_ip (V̄_p + (4/Δx²) C̄_p d_ip),     x̄_p += Σ_i v_i · ∂(w_ip (V̄_p + (4/Δx²) C̄_p d_ip))/∂x_p
-    grid    v̄_i ← contactᵀ v̄_i,   q̄_i = v̄_i / m_i,   m̄_i = −v̄_i · q_i / m_i²
-    p2g     S = Σ_i w_ip q̄_i,  Ā = Σ_i w_ip q̄_i d_ipᵀ:   v̄_p = m_p S,  C̄_p = m_p Ā,  τ̄_p = −Δt V_p (4/Δx²) Ā,
-            m̄_p = S·v_p + Ā:C_p + Σ_i w_ip m̄_i,  x̄_p += Σ_i (q̄_i · q_ip + m̄_i m_p) ∂w_ip/∂x_p − Aᵀ S
-            and (τ̄_p, F̄e_p) → H̄_p, w̄, θ̄ by the mixture's own adjoint
+    g2p     v̂ = v̄' + Δt x̄',   V̄ = v̂,  V̄⁰ = −α v̂,  v̄ = α v̂,   B̄⁰ = −α C̄',  C̄ = α C̄',  K̄ = −(Δt/2)(C̄' + C̄'ᵀ)
+            B̄ = C̄' + K̄ Lᵀ,   L̄ = Bᵀ K̄ + Δt H̄' Feᵀ,   F̄e = (I + Δt L)ᵀ H̄'
+            row̄_i = Σ_p w_ip (V̄ + B̄ d_ip/D) + L̄ ∇w_ip,  likewise V̄⁰, B̄⁰;   x̄ += ∂/∂x of Σ_i row_i · that
+    p2g     S = Σ_i w_ip q̄_i,  Ā = Σ_i w_ip q̄_i d_ipᵀ,  likewise S_f, Ā_f:   v̄ += m S,  C̄ += m Ā,
+            τ̄ = −k V Ā_f / D,  classic: −k V Σ f̄_i ∇wᵀ,   m̄ = S·v + Ā:C + Σ_i w_ip m̄_i + k S_f·b,
+            and (τ̄, F̄e) → H̄, w̄, θ̄ by the mixture's own adjoint
 
-with d_ip = x_i − x_p. A particle's row is written by its own thread alone; only the grid is summed into.
+A particle's row is written by its own thread alone; only the grid is summed into. L is gathered again, since a state
+does not keep it.
 """
 
 from types import SimpleNamespace
-from typing import Any
 
 import warp as wp
 
 from diffuphy.material import linalg
-from diffuphy.mpm.boundary import Signature, make_contact
-from diffuphy.mpm.kernels import cached, make_kernels, make_spline
+from diffuphy.mpm.drive import make_drives
+from diffuphy.mpm.kernels import make_rows
+from diffuphy.mpm.transfer import make_transfer
+from diffuphy.mpm.variant import Variant
 
 Needs = tuple[bool, bool, bool, bool]
 """Which of w_e, w_p, θ, mass need a gradient; the others get no buffer. It is data: one compiled kernel serves all
 sixteen cases."""
 
 
-def make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace:
-    """The four kernels of a backward substep: ``grid_again``, ``g2p_adjoint``, ``grid_adjoint``, ``p2g_adjoint``.
-
-    Cached.
-    """
-    return cached(_make_adjoint, mixture, walls, real)
+def make_adjoint(variant: Variant) -> SimpleNamespace:
+    """The kernels ``g2p_adjoint`` and ``p2g_adjoint`` of a backward substep. Cached."""
+    return variant.made(_make_adjoint)
 
 
-def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace:
-    forward = make_kernels(mixture, walls, real)
-    vec3, mat33, vec4, wall_t = forward.vec3, forward.mat33, forward.vec4, forward.wall_t
-    w_e_t, w_p_t, theta_t = mixture.w_e_t, mixture.w_p_t, mixture.theta_t
-    spline, contact = make_spline(real), make_contact(walls, real)
-    weights, slopes, cell, columns, eye = spline.weights, spline.slopes, spline.cell, spline.columns, spline.eye
-    stress, stress_adjoint = mixture.stress, mixture.stress_adjoint
-    apply, contact_adjoint, velocity, place = contact.apply, contact.adjoint, forward.velocity, forward.place
-    plastic, has_walls = mixture.is_plastic, len(walls) > 0
-    memory, cofactor = mixture.volumetric_memory, linalg.build(real).cofactor
-    ke, kp = mixture.Ke, mixture.Kp
+def _make_adjoint(variant: Variant) -> SimpleNamespace:
+    return SimpleNamespace(g2p_adjoint=_make_g2p_adjoint(variant), p2g_adjoint=_make_p2g_adjoint(variant))
 
-    @wp.func
-    def gathered(
-        grid_bar: wp.array[vec4],
-        n: wp.vec3i,
-        bx: wp.int32,
-        by: wp.int32,
-        bz: wp.int32,
-        f: vec3,
-        q: vec4,
-        A: mat33,
-    ):
-        """What the nodes return to a particle that gave them w_ip q_ip, q_ip = q + A (x_i − x_low): Σ_i w_ip q̄_i, its
-        first moments about the particle Σ_i w_ip q̄_i d_ipᵀ, and Σ_i (q̄_i · q_ip) ∂w_ip; lengths in cells."""
-        wx, wy, wz = weights(f[0]), weights(f[1]), weights(f[2])
-        dwx, dwy, dwz = slopes(f[0]), slopes(f[1]), slopes(f[2])
-        a0, a1, a2 = columns(A)
-        s0, s1, s2, s3 = vec4(), vec4(), vec4(), vec4()
-        along = vec3()
-        for i in range(3):
-            for j in range(3):
-                w_ij = wx[i] * wy[j]
-                q_ij = q + wp.static(real(i)) * a0 + wp.static(real(j)) * a1
-                o = ((bx + i) * n[1] + by + j) * n[2] + bz
-                g0 = grid_bar[o]
-                g1 = grid_bar[o + 1]
-                g2 = grid_bar[o + 2]
-                d0, d1, d2 = wp.dot(g0, q_ij), wp.dot(g1, q_ij + a2), wp.dot(g2, q_ij + real(2.0) * a2)
-                s_w = wz[0] * d0 + wz[1] * d1 + wz[2] * d2
-                s_d = dwz[0] * d0 + dwz[1] * d1 + dwz[2] * d2
-                along += vec3(dwx[i] * wy[j] * s_w, wx[i] * dwy[j] * s_w, w_ij * s_d)
-                t0, t1, t2 = (w_ij * wz[0]) * g0, (w_ij * wz[1]) * g1, (w_ij * wz[2]) * g2
-                t = t0 + t1 + t2
-                s3 += t
-                s0 += wp.static(real(i)) * t
-                s1 += wp.static(real(j)) * t
-                s2 += t1 + real(2.0) * t2
-        S = vec3(s3[0], s3[1], s3[2])
-        A_bar = wp.matrix_from_cols(
-            vec3(s0[0], s0[1], s0[2]) - S * f[0],
-            vec3(s1[0], s1[1], s1[2]) - S * f[1],
-            vec3(s2[0], s2[1], s2[2]) - S * f[2],
-        )
-        return s3, A_bar, along
 
-    @wp.kernel(module="unique", enable_backward=False)
-    def grid_again(
-        grid: wp.array[vec4],  # (nodes,) momentum, mass; kept for grid_adjoint
-        row: wp.array2d[wall_t],
-        s: wp.int32,
-        g_dt: vec3,
-        dx: real,
-        n: wp.vec3i,
-        grid_v: wp.array[vec4],  # (nodes,) velocity   out
-        grid_bar: wp.array[vec4],  # (nodes,) cleared for g2p_adjoint
-    ):
-        o = wp.tid()
-        a = grid[o]
-        if a[3] > real(0.0):
-            v = velocity(a, g_dt)
-            if wp.static(has_walls):
-                v = apply(v, place(o, n, dx), row, s)
-            grid_v[o] = vec4(v[0], v[1], v[2], real(0.0))
-            grid_bar[o] = vec4(real(0.0))
+def _make_g2p_adjoint(variant: Variant) -> wp.Kernel:
+    mixture, real = variant.mixture, variant.real
+    vec3, mat33, node_t, step_t = variant.vec3, variant.mat33, variant.node_t, variant.step_t
+    memory_t = mixture.memory_t
+    transfer, rows, drives = make_transfer(variant.scheme, real), make_rows(variant), variant.drives
+    spline, gather, gather_adjoint = transfer.spline, transfer.gather, transfer.gather_adjoint
+    row, first, second, column, moments = rows.row, rows.first, rows.second, rows.column, rows.moments
+    cell, eye, cofactor = spline.cell, spline.eye, linalg.build(real).cofactor
+    plastic, branched = mixture.is_plastic, len(mixture.branches) > 0
+    opens = "log_J" in mixture.memory
+    at_log_J = mixture.memory.index("log_J") if opens else 0
+    driven, classic, keeps = len(drives) > 0, variant.scheme.force == "classic", variant.scheme.keeps
+    turns = variant.scheme.retain > 0.0
+    drive = make_drives(drives, real)
+    drive_t, hold_adjoint = drive.drive_t, drive.hold_adjoint
+    inverse = real(1 / variant.scheme.inertia)
 
     @wp.kernel(module="unique", enable_backward=False)
     def g2p_adjoint(
         X: wp.array[vec3],
         u: wp.array[vec3],
+        v: wp.array[vec3],
+        C: wp.array[mat33],
         He: wp.array[mat33],  # elastic part minus I: with plasticity after flow, one row a particle, else rows as u
         H: wp.array[mat33],  # total minus I, only with plasticity
-        C: wp.array[mat33],
-        grid_v: wp.array[vec4],
+        HN: wp.array[mat33],  # viscous branch after flow, one row a particle
+        grid_v: wp.array[node_t],
+        tag: wp.array[wp.int32],
+        drive_row: wp.array2d[drive_t],
         low: vec3,
         dx: real,
-        dt: real,
         n: wp.vec3i,
+        per_scene: wp.int32,
+        per: wp.int32,  # particles of a lane of ``bar``
+        steps: wp.array[step_t],
+        s: wp.int32,
         at: wp.int32,  # first row of the beginning of the step
-        to: wp.int32,  # first row of its end
+        start: wp.int32,
         x_bar: wp.array[vec3],  # in: of the end, out: of the beginning, the p2g part still missing; likewise below
         v_bar: wp.array[vec3],
         C_bar: wp.array[mat33],
         He_bar: wp.array[mat33],  # out: of Fe
         H_bar: wp.array[mat33],
-        log_J_bar: wp.array[real],
-        grid_bar: wp.array[vec4],  # (nodes,) of the node velocities   out
+        HN_bar: wp.array[mat33],  # out: of the branch after flow
+        memory_bar: wp.array[memory_t],
+        bar: wp.array[node_t],  # (lanes · nodes,) of the velocities after and before the step   out
+        alpha_bar: wp.array[real],  # (N,) of α, summed over substeps
+        need_alpha: bool,
     ):
-        p = wp.tid()
+        p = start + wp.tid()
         r = at + p
         idx = real(1.0) / dx
-        g = ((X[p] - low) + u[r]) * idx
-        bx, by, bz, f = cell(g)
-        wx, wy, wz = weights(f[0]), weights(f[1]), weights(f[2])
-        dwx, dwy, dwz = slopes(f[0]), slopes(f[1]), slopes(f[2])
-        Lt = dt * wp.transpose(C[to + p])
+        place = (X[p] - low) + u[r]
+        bx, by, bz, f = cell(place * idx)
+        step = steps[s]
+        dt, alpha = step[0], step[2]
+        nodes = n[0] * n[1] * n[2]
+        base, lane = (p // per_scene) * nodes, (p // per) * nodes
+        c = inverse * idx
+        L = mat33()
+        if wp.static(classic):
+            sum, m0, m1, m2, g0, g1, g2 = gather(grid_v, base, n, bx, by, bz, f)
+            L = wp.matrix_from_cols(idx * first(g0), idx * first(g1), idx * first(g2))
+        else:
+            sum, m0, m1, m2 = gather(grid_v, base, n, bx, by, bz, f)
+        B = c * moments(first(sum), first(m0), first(m1), first(m2), f)
+        if wp.static(not classic):
+            L = B
+        x_next = x_bar[p]
+        v_next, C_next = v_bar[p] + dt * x_next, C_bar[p]
+        if wp.static(driven):  # the values that hold overwrites do not matter to its adjoint
+            r_bar, v_next, C_next = hold_adjoint(place, v[r], C[r], tag[p], drive_row, s, v_next, C_next)
+            x_next += r_bar
+        B_bar = C_next
         e = r
         if wp.static(plastic):
             e = p
         e_bar = He_bar[p]
-        B = C_bar[p] + dt * (e_bar + e_bar * wp.transpose(He[e]))
-        He_bar[p] = e_bar + Lt * e_bar
+        L_bar = dt * (e_bar + e_bar * wp.transpose(He[e]))
+        A = dt * wp.transpose(L)
+        He_bar[p] = e_bar + A * e_bar
         if wp.static(plastic):
             t_bar = H_bar[p]
-            B += dt * (t_bar + t_bar * wp.transpose(H[r]))
-            H_bar[p] = t_bar + Lt * t_bar
-        if wp.static(memory):  # d ln det A = A⁻ᵀ : dA, A = I + Δt C
-            A = eye() + dt * C[to + p]
-            B += (dt * log_J_bar[p] / wp.determinant(A)) * cofactor(A)
-        B = (real(4.0) * idx) * B  # acts on offsets in cells
-        x_next = x_bar[p]
-        q3 = v_bar[p] + dt * x_next - B * f
-        q = vec4(q3[0], q3[1], q3[2], real(0.0))
-        b0, b1, b2 = columns(B)
-        along = vec3()
-        total = vec4()
-        for i in range(3):
-            for j in range(3):
-                w_ij = wx[i] * wy[j]
-                q_ij = q + wp.static(real(i)) * b0 + wp.static(real(j)) * b1
-                o = ((bx + i) * n[1] + by + j) * n[2] + bz
-                s_w, s_d = real(0.0), real(0.0)
-                for k in range(3):
-                    h = q_ij + wp.static(real(k)) * b2
-                    v_i = grid_v[o + k]
-                    wp.atomic_add(grid_bar, o + k, (w_ij * wz[k]) * h)
-                    s = wp.dot(v_i, h)
-                    s_w += wz[k] * s
-                    s_d += dwz[k] * s
-                    total += (w_ij * wz[k]) * v_i
-                along += vec3(dwx[i] * wy[j] * s_w, wx[i] * dwy[j] * s_w, w_ij * s_d)
-        mean = vec3(total[0], total[1], total[2])
-        x_bar[p] = x_next + idx * (along - wp.transpose(B) * mean)
+            L_bar += dt * (t_bar + t_bar * wp.transpose(H[r]))
+            H_bar[p] = t_bar + A * t_bar
+        if wp.static(branched):
+            n_bar = HN_bar[p]
+            L_bar += dt * (n_bar + n_bar * wp.transpose(HN[p]))
+            HN_bar[p] = n_bar + A * n_bar
+        if wp.static(opens):  # d ln det A = A⁻ᵀ : dA, A = I + Δt L
+            D = eye() + dt * L
+            L_bar += (dt * memory_bar[p][wp.static(at_log_J)] / wp.determinant(D)) * cofactor(D)
+        if wp.static(turns):
+            K = (real(-0.5) * dt) * (C_next + wp.transpose(C_next))
+            B_bar += K * wp.transpose(L)
+            L_bar += wp.transpose(B) * K
+        if wp.static(not classic):
+            B_bar += L_bar
+        B_bar = c * B_bar  # acts on offsets in cells
+        V0_bar, B0_bar, o = vec3(), mat33(), real(0.0)
+        if wp.static(keeps):
+            V0_bar = -alpha * v_next
+            B0_bar = (-alpha * c) * C_next
+            v_0_bar, C_0_bar = alpha * v_next, alpha * C_next
+            if need_alpha and dt > real(0.0):
+                V_0 = second(sum)
+                lost = c * moments(V_0, second(m0), second(m1), second(m2), f) - C[r]
+                alpha_bar[p] = alpha_bar[p] + wp.dot(v_next, v[r] - V_0) - wp.ddot(C_next, lost)
+            if wp.static(driven):
+                r_bar, v_0_bar, C_0_bar = hold_adjoint(place, v[r], C[r], tag[p], drive_row, s, v_0_bar, C_0_bar)
+                x_next += r_bar
+            v_bar[p] = v_0_bar
+            C_bar[p] = C_0_bar
+        else:
+            v_bar[p] = vec3()
+            C_bar[p] = mat33()
+        q = row(v_next - B_bar * f, o, V0_bar - B0_bar * f)
+        b0 = row(column(B_bar, 0), o, column(B0_bar, 0))
+        b1 = row(column(B_bar, 1), o, column(B0_bar, 1))
+        b2 = row(column(B_bar, 2), o, column(B0_bar, 2))
+        if wp.static(classic):
+            L_bar = idx * L_bar
+            z = vec3()
+            mean, along = gather_adjoint(
+                grid_v, base, bar, lane, n, bx, by, bz, f, q, b0, b1, b2,
+                row(column(L_bar, 0), o, z), row(column(L_bar, 1), o, z), row(column(L_bar, 2), o, z),
+            )  # fmt: skip
+        else:
+            mean, along = gather_adjoint(grid_v, base, bar, lane, n, bx, by, bz, f, q, b0, b1, b2)
+        along -= wp.transpose(B_bar) * first(mean)
+        if wp.static(keeps):
+            along -= wp.transpose(B0_bar) * second(mean)
+        x_bar[p] = x_next + idx * along
 
-    @wp.kernel(module="unique", enable_backward=False)
-    def grid_adjoint(
-        grid: wp.array[vec4],  # (nodes,) momentum, mass   in, and cleared for the next step
-        row: wp.array2d[wall_t],
-        s: wp.int32,
-        g_dt: vec3,
-        dx: real,
-        n: wp.vec3i,
-        grid_bar: wp.array[vec4],  # (nodes,) in: of the velocity, out: of momentum and mass
-    ):
-        o = wp.tid()
-        a = grid[o]
-        if a[3] > real(0.0):
-            b4 = grid_bar[o]
-            b = vec3(b4[0], b4[1], b4[2])
-            if wp.static(has_walls):
-                b = contact_adjoint(velocity(a, g_dt), place(o, n, dx), row, s, b)
-            b = vec3(b[0] / a[3], b[1] / a[3], b[2] / a[3])
-            v = velocity(a, vec3())
-            grid_bar[o] = vec4(b[0], b[1], b[2], -wp.dot(b, v))
-            grid[o] = vec4(real(0.0))
+    return g2p_adjoint
+
+
+def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
+    mixture, real = variant.mixture, variant.real
+    vec3, mat33, node_t, step_t = variant.vec3, variant.mat33, variant.node_t, variant.step_t
+    w_e_t, w_p_t, theta_t, memory_t = mixture.w_e_t, mixture.w_p_t, mixture.theta_t, mixture.memory_t
+    transfer, rows, drives = make_transfer(variant.scheme, real), make_rows(variant), variant.drives
+    spline, scatter_adjoint, row, column = transfer.spline, transfer.scatter_adjoint, rows.row, rows.column
+    first, second, moments = rows.first, rows.second, rows.moments
+    cell, eye = spline.cell, spline.eye
+    stress, stress_adjoint = mixture.stress, mixture.stress_adjoint
+    branch_stress, branch_stress_adjoint = mixture.branch_stress, mixture.branch_stress_adjoint
+    memory, branched = len(mixture.memory) > 0, len(mixture.branches) > 0
+    mixes_e, mixes_p = mixture.Ke > 1, mixture.Kp > 1
+    body, driven, classic = variant.body, len(drives) > 0, variant.scheme.force == "classic"
+    drive = make_drives(drives, real)
+    drive_t, accelerate, accelerate_adjoint = drive.drive_t, drive.accelerate, drive.accelerate_adjoint
+    hold, hold_adjoint = drive.hold, drive.hold_adjoint
+    inverse = real(1 / variant.scheme.inertia)
 
     @wp.kernel(module="unique", enable_backward=False)
     def p2g_adjoint(
@@ -207,23 +199,31 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         v: wp.array[vec3],
         C: wp.array[mat33],
         He: wp.array[mat33],  # (N,) trial elastic part minus I
-        log_J: wp.array[real],  # (N,) ln det of the total one, only with volumetric memory
+        HN: wp.array[mat33],
+        memory_in: wp.array[memory_t],
         w_e: wp.array[w_e_t],
         w_p: wp.array[w_p_t],
         theta: wp.array[theta_t],
         m: wp.array[real],
         vol: wp.array[real],
+        b: wp.array[vec3],
+        tag: wp.array[wp.int32],
+        drive_row: wp.array2d[drive_t],
         low: vec3,
         dx: real,
-        dt: real,
         n: wp.vec3i,
+        per_scene: wp.int32,
+        steps: wp.array[step_t],
+        s: wp.int32,
         at: wp.int32,
-        grid_bar: wp.array[vec4],
+        start: wp.int32,
+        bar: wp.array[node_t],  # (scenes · nodes,) of momentum, mass and impulse
         x_bar: wp.array[vec3],
         v_bar: wp.array[vec3],
         C_bar: wp.array[mat33],
         He_bar: wp.array[mat33],  # in: of Fe, out: of the trial elastic part
-        log_J_bar: wp.array[real],
+        HN_bar: wp.array[mat33],
+        memory_bar: wp.array[memory_t],
         w_e_bar: wp.array[w_e_t],  # summed over substeps; likewise below
         w_p_bar: wp.array[w_p_t],
         theta_bar: wp.array[theta_t],
@@ -233,40 +233,83 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         need_theta: bool,
         need_m: bool,
     ):
-        p = wp.tid()
+        p = start + wp.tid()
         r = at + p
         idx = real(1.0) / dx
-        g = ((X[p] - low) + u[r]) * idx
-        bx, by, bz, f = cell(g)
+        place = (X[p] - low) + u[r]
+        bx, by, bz, f = cell(place * idx)
+        step = steps[s]
+        dt, kick = step[0], step[1]
         w_e_p = w_e_t()
         w_p_p = w_p_t()
-        if wp.static(ke > 1):
+        if wp.static(mixes_e):
             w_e_p = w_e[p]
-        if wp.static(kp > 1):
+        if wp.static(mixes_p):
             w_p_p = w_p[p]
         F = eye() + He[r]
         theta_p = theta[p]
         if wp.static(memory):
-            tau, _Fe = stress(F, w_e_p, w_p_p, theta_p, dt, log_J[r])
+            tau, _Fe, _h = stress(F, w_e_p, w_p_p, theta_p, dt, memory_in[r])
         else:
             tau, _Fe = stress(F, w_e_p, w_p_p, theta_p, dt)
-        k4 = real(4.0) * dt * vol[p] * idx
+        if wp.static(branched):
+            tau_N, _FN = branch_stress(eye() + HN[r], theta_p, dt)
+            tau += tau_N
         m_p, v_p, C_p = m[p], v[r], C[r]
-        A = (m_p * dx) * C_p - k4 * tau
-        q3 = m_p * v_p - A * f
-        q = vec4(q3[0], q3[1], q3[2], m_p)
-        s3, A_bar, along = gathered(grid_bar, n, bx, by, bz, f, q, A)
-        S = vec3(s3[0], s3[1], s3[2])
-        x_bar[p] = x_bar[p] + idx * (along - wp.transpose(A) * S)
-        v_bar[p] = m_p * S
-        C_bar[p] = (m_p * dx) * A_bar
-        tau_bar = -k4 * A_bar
+        a_p = vec3()
+        if wp.static(driven):
+            v_p, C_p = hold(place, v_p, C_p, tag[p], drive_row, s)
+            a_p = accelerate(place, v_p, tag[p], drive_row, s)
+        if wp.static(body):
+            a_p += b[p]
+        A = (m_p * dx) * C_p
+        k = -kick * vol[p] * idx
+        T = k * tau
+        z, o = vec3(), real(0.0)
+        q3, f3 = m_p * v_p - A * f, (kick * m_p) * a_p
+        base = (p // per_scene) * (n[0] * n[1] * n[2])
+        tau_bar = mat33()
+        if wp.static(classic):
+            sum, m0, m1, m2, g0, g1, g2, along = scatter_adjoint(
+                bar, base, n, bx, by, bz, f, row(q3, m_p, f3),
+                row(column(A, 0), o, z), row(column(A, 1), o, z), row(column(A, 2), o, z),
+                row(z, o, column(T, 0)), row(z, o, column(T, 1)), row(z, o, column(T, 2)),
+            )  # fmt: skip
+            tau_bar = k * wp.matrix_from_cols(second(g0), second(g1), second(g2))
+            along -= wp.transpose(A) * first(sum)
+        else:
+            k *= inverse
+            T = k * tau
+            sum, m0, m1, m2, along = scatter_adjoint(
+                bar, base, n, bx, by, bz, f, row(q3, m_p, f3 - T * f),
+                row(column(A, 0), o, column(T, 0)),
+                row(column(A, 1), o, column(T, 1)),
+                row(column(A, 2), o, column(T, 2)),
+            )  # fmt: skip
+            tau_bar = k * moments(second(sum), second(m0), second(m1), second(m2), f)
+            along -= wp.transpose(A) * first(sum) + wp.transpose(T) * second(sum)
+        S, S_f = first(sum), second(sum)
+        A_bar = moments(S, first(m0), first(m1), first(m2), f)
+        v_b, C_b, x_b = m_p * S, (m_p * dx) * A_bar, idx * along
+        if wp.static(driven):
+            r_b, v_a = accelerate_adjoint(place, v_p, tag[p], drive_row, s, (kick * m_p) * S_f)
+            r_h, v_b, C_b = hold_adjoint(place, v[r], C[r], tag[p], drive_row, s, v_b + v_a, C_b)
+            x_b += r_b + r_h
+        x_bar[p] = x_bar[p] + x_b
+        v_bar[p] = v_bar[p] + v_b
+        C_bar[p] = C_bar[p] + C_b
         if wp.static(memory):
-            F_bar, we_b, wp_b, th_b, t_b = stress_adjoint(F, w_e_p, w_p_p, theta_p, dt, tau_bar, He_bar[p], log_J[r])
-            log_J_bar[p] = log_J_bar[p] + t_b
+            F_bar, we_b, wp_b, th_b, h_b = stress_adjoint(
+                F, w_e_p, w_p_p, theta_p, dt, tau_bar, He_bar[p], memory_in[r], memory_bar[p]
+            )
+            memory_bar[p] = h_b
         else:
             F_bar, we_b, wp_b, th_b = stress_adjoint(F, w_e_p, w_p_p, theta_p, dt, tau_bar, He_bar[p])
         He_bar[p] = F_bar
+        if wp.static(branched):
+            FN_bar, th_N = branch_stress_adjoint(eye() + HN[r], theta_p, dt, tau_bar, HN_bar[p])
+            HN_bar[p] = FN_bar
+            th_b += th_N
         if need_w_e:
             w_e_bar[p] = w_e_bar[p] + we_b
         if need_w_p:
@@ -274,8 +317,6 @@ def _make_adjoint(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         if need_theta:
             theta_bar[p] = theta_bar[p] + th_b
         if need_m:
-            m_bar[p] = m_bar[p] + wp.dot(S, v_p) + dx * wp.ddot(A_bar, C_p) + s3[3]
+            m_bar[p] = m_bar[p] + wp.dot(S, v_p) + dx * wp.ddot(A_bar, C_p) + sum[3] + kick * wp.dot(S_f, a_p)
 
-    return SimpleNamespace(
-        grid_again=grid_again, g2p_adjoint=g2p_adjoint, grid_adjoint=grid_adjoint, p2g_adjoint=p2g_adjoint
-    )
+    return p2g_adjoint

@@ -1,15 +1,17 @@
 """What a simulation must conserve, measured on a state."""
 
 from dataclasses import dataclass
-from types import SimpleNamespace
+from functools import lru_cache
 from typing import Any
 
 import torch
 import warp as wp
 from torch import Tensor
 
-from diffuphy.mpm.kernels import cached, make_spline
-from diffuphy.mpm.state import REAL, Matter, State
+from diffuphy.compiling import LOCK
+from diffuphy.mpm.scheme import Scheme
+from diffuphy.mpm.spline import make_spline
+from diffuphy.mpm.state import REAL, Matter, State, view
 
 
 @dataclass(frozen=True)
@@ -31,11 +33,11 @@ class Diagnostics:
     """Smallest and largest det F."""
 
 
-def diagnose(mixture: Any, state: State, matter: Matter, dx: float) -> Diagnostics:
+def diagnose(mixture: Any, state: State, matter: Matter, dx: float, scheme: Scheme = Scheme()) -> Diagnostics:  # noqa: B008
     """Mass, momenta, energies and volume change of a state on a grid of spacing ``dx`` (Jiang et al. 2015 for the
     spin of C)."""
     x, v, C, m = (t.detach() for t in (state.x, state.v, state.C, matter.m))
-    D = dx * dx / 4
+    D = scheme.inertia * dx * dx
     spin = torch.stack([C[:, 2, 1] - C[:, 1, 2], C[:, 0, 2] - C[:, 2, 0], C[:, 1, 0] - C[:, 0, 1]], 1)
     angular = (m[:, None] * (torch.linalg.cross(x, v) + D * spin)).sum(0)
     kinetic = 0.5 * (m * ((v * v).sum(1) + D * (C * C).sum((1, 2)))).sum()
@@ -51,45 +53,59 @@ def diagnose(mixture: Any, state: State, matter: Matter, dx: float) -> Diagnosti
     )
 
 
+def waves(mixture: Any, state: State, matter: Matter) -> Tensor:
+    """Fastest wave of each particle in its present state, shape (N,) [m/s]; see ``material.wave``. NaN where
+    det F ≤ 0."""
+    return (_evaluate(mixture, state, matter, "wave") * (matter.vol / matter.m).detach()).sqrt()
+
+
 def _energy(mixture: Any, state: State, matter: Matter) -> Tensor:
     """ψ of each particle, shape (N,) [Pa]."""
+    return _evaluate(mixture, state, matter, "energy")
+
+
+def _evaluate(mixture: Any, state: State, matter: Matter, what: str) -> Tensor:
     wp.init()
     real = REAL[state.x.dtype]
-    kernel = cached(_make_energy, mixture, real).energy
-    psi = torch.empty_like(matter.m)
+    with LOCK:
+        kernel = _make_evaluate(mixture, real, what)
+    out = torch.empty_like(matter.m)
     arrays = (
         (state.He, mixture.mat33),
-        (matter.m if state.log_J is None else state.log_J, real),  # read only with volumetric memory
+        (state.memory, mixture.memory_t),
         (matter.w_e, mixture.w_e_t),
         (matter.w_p, mixture.w_p_t),
         (matter.theta, mixture.theta_t),
-        (psi, real),
+        (out, real),
     )
-    inputs = [wp.from_torch(t.detach().contiguous(), dtype=d) for t, d in arrays]
-    wp.launch(kernel, dim=len(psi), inputs=inputs, device=str(psi.device))
-    return psi
+    inputs = [view(None if t is None else t.contiguous(), d, out.device) for t, d in arrays]
+    with LOCK:
+        wp.launch(kernel, dim=len(out), inputs=inputs, device=str(out.device))
+    return out
 
 
-def _make_energy(mixture: Any, real: type) -> SimpleNamespace:
+@lru_cache
+def _make_evaluate(mixture: Any, real: type, what: str) -> wp.Kernel:
+    """A kernel of one scalar function of the elastic deformation after what flows in no time has flowed."""
     mat33, w_e_t, w_p_t, theta_t = mixture.mat33, mixture.w_e_t, mixture.w_p_t, mixture.theta_t
-    memory = mixture.volumetric_memory
-    stress, density, eye = mixture.stress, mixture.energy, make_spline(real).eye
+    memory, memory_t, plastic = len(mixture.memory) > 0, mixture.memory_t, mixture.is_plastic
+    stress, scalar, eye = mixture.stress, getattr(mixture, what), make_spline(real).eye
 
     @wp.kernel(module="unique", enable_backward=False)
-    def energy(
+    def evaluate(
         He: wp.array[mat33],
-        log_J: wp.array[real],
+        memory_in: wp.array[memory_t],
         w_e: wp.array[w_e_t],
         w_p: wp.array[w_p_t],
         theta: wp.array[theta_t],
-        psi: wp.array[real],
+        out: wp.array[real],
     ):
         p = wp.tid()
         F = eye() + He[p]
-        if wp.static(memory):  # in no time only what flows at once has flowed
-            _tau, Fe = stress(F, w_e[p], w_p[p], theta[p], real(0.0), log_J[p])
-        else:
-            _tau, Fe = stress(F, w_e[p], w_p[p], theta[p], real(0.0))
-        psi[p] = density(Fe, w_e[p], theta[p])
+        if wp.static(memory):
+            _tau, F, _h = stress(F, w_e[p], w_p[p], theta[p], real(0.0), memory_in[p])
+        elif wp.static(plastic):
+            _tau, F = stress(F, w_e[p], w_p[p], theta[p], real(0.0))
+        out[p] = scalar(F, w_e[p], theta[p])
 
-    return SimpleNamespace(energy=energy)
+    return evaluate

@@ -1,173 +1,70 @@
-"""MLS-MPM kernels, compiled for one mixture of laws, one list of walls and one precision.
+"""MPM on the particles, compiled for one variant: particles to grid, grid to particles.
 
-    gather of state   F = I + H,  (τ_p, Fe_p) = stress(F)
-    to the grid       m_i = Σ_p w_ip m_p
-                      q_i = Σ_p w_ip [ m_p v_p + (m_p C_p − Δt V_p (4/Δx²) τ_p) (x_i − x_p) ]
-    on the grid       v_i = contact(q_i / m_i + Δt g)
-    to the particles  v_p = Σ_i w_ip v_i,   C_p = (4/Δx²) Σ_i w_ip v_i (x_i − x_p)ᵀ,
-                      x_p ← x_p + Δt v_p,   H_p ← Fe_p − I + Δt C_p Fe_p,
-                      with volumetric memory ln J_p ← ln J_p + ln det(I + Δt C_p)
+    stress            F = I + H,  (τ_p, Fe_p) = stress(F)
+    to the grid       m_i = Σ_p w_ip m_p,   q_i = Σ_p w_ip m_p (v_p + C_p d_ip)
+                      f_i = k Σ_p [ −V_p τ_p ∇w_ip + w_ip m_p b_p ],   MLS: ∇w_ip → w_ip d_ip / D
+    on the grid       see ``nodes``: v⁰_i = q_i/m_i,  v_i = contact(v⁰_i + a*_i)
+    to the particles  V = Σ w v_i,  V⁰ = Σ w v⁰_i,  B = Σ w v_i dᵀ/D,  B⁰ = Σ w v⁰_i dᵀ/D,  L = B, classic: Σ v_i ∇wᵀ
+                      v ← V + α (v − V⁰),   C ← B + α (C − B⁰) − (Δt/2)(B L + (B L)ᵀ),   x ← x + Δt v,
+                      H ← Fe − I + Δt L Fe,  ln J ← ln J + ln det(I + Δt L)
 
-Quadratic B-splines, affine transfer (Jiang et al. 2015) with the moving-least-squares force (Hu et al. 2018, eqs.
-16–17), D = Δx²/4.
+d_ip = x_i − x_p, D = Δx²/4 (quadratic) or Δx²/3 (cubic). k is the kick of the substep, half of Δt at both ends of a
+frame: the last substep kicks without drifting, with α = 1. The quadratic term of C is the change of an affine field
+that moves with the matter; it exists only with retention. Jiang et al. 2015; Hu et al. 2018, eqs. 16–17.
 
 A position is kept as X + u with X that of the beginning of the frame, a deformation gradient as H = F − I: increments
 of one substep are far below the rounding of x and of F in float32, but not below that of u and H.
 """
 
-from collections.abc import Callable
-from functools import lru_cache
 from types import SimpleNamespace
-from typing import Any
 
 import warp as wp
 
-from diffuphy.compiling import LOCK
-from diffuphy.mpm.boundary import Signature, make_contact
+from diffuphy.mpm.drive import make_drives
+from diffuphy.mpm.transfer import make_transfer
+from diffuphy.mpm.variant import Variant
 
 LEFT, INVERTED, FAST = 0, 1, 2
 """What a particle may do wrong, as the place in the status array where 1 + its index goes."""
 
-_made: dict[tuple[Any, ...], tuple[Any, SimpleNamespace]] = {}
+
+def make_kernels(variant: Variant) -> SimpleNamespace:
+    """The kernels ``p2g`` and ``g2p`` of a substep. Cached; safe to call from several threads."""
+    return variant.made(_make_kernels)
 
 
-@lru_cache
-def make_spline(real: type) -> SimpleNamespace:
-    """Quadratic B-spline and its derivative at the three nodes around a particle, and what else transfers share."""
-    vec3, vec4, mat33 = wp.types.vector(3, real), wp.types.vector(4, real), wp.types.matrix((3, 3), real)
-
-    @wp.func
-    def weights(f: real):
-        """w(f), f the distance to the lowest of the three nodes in cells, ½ ≤ f < 3/2."""
-        a, b, c = real(1.5) - f, f - real(1.0), f - real(0.5)
-        return vec3(real(0.5) * a * a, real(0.75) - b * b, real(0.5) * c * c)
-
-    @wp.func
-    def slopes(f: real):
-        """dw/df."""
-        return vec3(f - real(1.5), real(-2.0) * (f - real(1.0)), f - real(0.5))
-
-    @wp.func
-    def inside(g: vec3, n: wp.vec3i):
-        """True when all 27 nodes exist; false for anything that is not a number."""
-        h = real(0.5)
-        return (
-            g[0] >= h and g[1] >= h and g[2] >= h
-            and g[0] < real(n[0]) - real(1.5) and g[1] < real(n[1]) - real(1.5) and g[2] < real(n[2]) - real(1.5)
-        )  # fmt: skip
-
-    @wp.func
-    def cell(g: vec3):
-        """Lowest of the 27 nodes around a place, and how far the place is from it, both in cells."""
-        h = real(0.5)
-        bx, by, bz = wp.int32(g[0] - h), wp.int32(g[1] - h), wp.int32(g[2] - h)
-        return bx, by, bz, g - vec3(real(bx), real(by), real(bz))
-
-    @wp.func
-    def columns(A: mat33):
-        """Columns of a matrix that acts on momentum or velocity, as rows of the grid; they carry no mass."""
-        z = real(0.0)
-        return (
-            vec4(A[0, 0], A[1, 0], A[2, 0], z),
-            vec4(A[0, 1], A[1, 1], A[2, 1], z),
-            vec4(A[0, 2], A[1, 2], A[2, 2], z),
-        )
-
-    @wp.func
-    def eye():
-        o, z = real(1.0), real(0.0)
-        return mat33(o, z, z, z, o, z, z, z, o)
-
-    return SimpleNamespace(weights=weights, slopes=slopes, inside=inside, cell=cell, columns=columns, eye=eye)
+def make_rows(variant: Variant) -> SimpleNamespace:
+    """Warp functions that make the rows of a particle and take them apart. Cached."""
+    return variant.made(_make_rows)
 
 
-def make_kernels(mixture: Any, walls: Signature, real: type) -> SimpleNamespace:
-    """The three kernels of a substep: ``p2g``, ``grid_update``, ``g2p``, and their types.
+def _make_rows(v: Variant) -> SimpleNamespace:
+    real, vec3, mat33, node_t = v.real, v.vec3, v.mat33, v.node_t
 
-    Cached; safe to call from several threads.
-    """
-    return cached(_make_kernels, mixture, walls, real)
+    @wp.func(module="unique")
+    def row(q: vec3, m: real, f: vec3) -> node_t:
+        """Momentum, mass and what the step adds to the momentum."""
+        return node_t(q[0], q[1], q[2], m, f[0], f[1], f[2], real(0.0))
 
+    @wp.func(module="unique")
+    def first(r: node_t) -> vec3:
+        return vec3(r[0], r[1], r[2])
 
-def cached(make: Callable[..., SimpleNamespace], mixture: Any, *key: Any) -> SimpleNamespace:
-    """``make(mixture, *key)``, made once for each mixture object, by one thread at a time."""
-    with LOCK:
-        known = (make, id(mixture), key)
-        if known not in _made:
-            _made[known] = (mixture, make(mixture, *key))  # holding the mixture keeps its id its own
-        return _made[known][1]
+    @wp.func(module="unique")
+    def second(r: node_t) -> vec3:
+        return vec3(r[4], r[5], r[6])
 
+    @wp.func(module="unique")
+    def column(A: mat33, i: wp.int32) -> vec3:
+        return vec3(A[0, i], A[1, i], A[2, i])
 
-def _make_kernels(mixture: Any, walls: Signature, real: type) -> SimpleNamespace:
-    vec3, mat33, vec4 = mixture.vec3, mixture.mat33, wp.types.vector(4, real)
-    w_e_t, w_p_t, theta_t = mixture.w_e_t, mixture.w_p_t, mixture.theta_t
-    spline, contact = make_spline(real), make_contact(walls, real)
-    weights, inside, cell, columns, eye = spline.weights, spline.inside, spline.cell, spline.columns, spline.eye
-    apply, wall_t = contact.apply, contact.wall_t
-    plastic, has_walls = mixture.is_plastic, len(walls) > 0
-    stress, ke, kp = mixture.stress, mixture.Ke, mixture.Kp
-    memory = mixture.volumetric_memory
+    @wp.func(module="unique")
+    def moments(s: vec3, a: vec3, b: vec3, c: vec3, f: vec3) -> mat33:
+        """Σ w v dᵀ from Σ w v and Σ w v iᵀ."""
+        return wp.matrix_from_cols(a - s * f[0], b - s * f[1], c - s * f[2])
 
-    @wp.kernel(module="unique", enable_backward=False)
-    def p2g(
-        X: wp.array[vec3],  # (N,) [m]   position at the beginning of the frame
-        u: wp.array[vec3],  # (N,) [m]   displacement since
-        v: wp.array[vec3],  # (N,) [m/s]
-        C: wp.array[mat33],  # (N,) [1/s]
-        He: wp.array[mat33],  # (N,) [-]  trial elastic deformation gradient minus I
-        log_J: wp.array[real],  # (N,) [-]  ln det of the total one, only with volumetric memory
-        w_e: wp.array[w_e_t],  # (N,) [-]
-        w_p: wp.array[w_p_t],  # (N,) [-]
-        theta: wp.array[theta_t],  # (N,) SI
-        m: wp.array[real],  # (N,) [kg]
-        vol: wp.array[real],  # (N,) [m³]
-        low: vec3,  # [m]  lowest node
-        dx: real,
-        dt: real,
-        n: wp.vec3i,  # nodes along each axis
-        at: wp.int32,  # first row of this state in u, v, C, He
-        grid: wp.array[vec4],  # (nodes,) momentum [kg m/s], mass [kg]   out
-        He_out: wp.array[mat33],  # (N,) [-]  elastic part minus I, after flow   out, only with plasticity
-        status: wp.array[wp.int32],  # (3,)   out
-    ):
-        p = wp.tid()
-        r = at + p
-        idx = real(1.0) / dx
-        g = ((X[p] - low) + u[r]) * idx
-        if not inside(g, n):
-            wp.atomic_max(status, LEFT, p + 1)
-            return
-        bx, by, bz, f = cell(g)
-        wx, wy, wz = weights(f[0]), weights(f[1]), weights(f[2])
-        w_e_p = w_e_t()
-        w_p_p = w_p_t()
-        if wp.static(ke > 1):
-            w_e_p = w_e[p]
-        if wp.static(kp > 1):
-            w_p_p = w_p[p]
-        F = eye() + He[r]
-        if wp.static(memory):
-            tau, Fe = stress(F, w_e_p, w_p_p, theta[p], dt, log_J[r])
-        else:
-            tau, Fe = stress(F, w_e_p, w_p_p, theta[p], dt)
-        if wp.static(plastic):
-            He_out[p] = He[r] + (Fe - F)  # what does not flow keeps the digits that F rounds away
-        m_p = m[p]
-        A = (m_p * dx) * C[r] - (real(4.0) * dt * vol[p] * idx) * tau  # per cell, not per metre
-        q3 = m_p * v[r] - A * f
-        q = vec4(q3[0], q3[1], q3[2], m_p)
-        a0, a1, a2 = columns(A)
-        for i in range(3):
-            for j in range(3):
-                w_ij = wx[i] * wy[j]
-                q_ij = q + wp.static(real(i)) * a0 + wp.static(real(j)) * a1
-                o = ((bx + i) * n[1] + by + j) * n[2] + bz
-                wp.atomic_add(grid, o, (w_ij * wz[0]) * q_ij)
-                wp.atomic_add(grid, o + 1, (w_ij * wz[1]) * (q_ij + a2))
-                wp.atomic_add(grid, o + 2, (w_ij * wz[2]) * (q_ij + real(2.0) * a2))
-
-    @wp.func
-    def log_det(L: mat33):
+    @wp.func(module="unique")
+    def log_det(L: mat33) -> real:
         """ln det(I + L) to the digits of L: ln u · y/(u − 1) makes good the rounding of u = 1 + y (Kahan)."""
         minors = (
             L[0, 0] * L[1, 1] - L[0, 1] * L[1, 0]
@@ -180,87 +77,209 @@ def _make_kernels(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
             return y
         return wp.log(u) * (y / (u - real(1.0)))
 
-    @wp.func
-    def velocity(a: vec4, g_dt: vec3):
-        return vec3(a[0] / a[3] + g_dt[0], a[1] / a[3] + g_dt[1], a[2] / a[3] + g_dt[2])
+    return SimpleNamespace(
+        row=row, first=first, second=second, column=column, moments=moments, log_det=log_det
+    )  # fmt: skip
 
-    @wp.func
-    def place(o: wp.int32, n: wp.vec3i, dx: real):
-        """Node o from the lowest node [m]."""
-        yz = n[1] * n[2]
-        i = o // yz
-        j = (o - i * yz) // n[2]
-        k = o - i * yz - j * n[2]
-        return dx * vec3(real(i), real(j), real(k))
+
+def _make_kernels(v: Variant) -> SimpleNamespace:
+    return SimpleNamespace(p2g=_make_p2g(v), g2p=_make_g2p(v))
+
+
+def _make_p2g(variant: Variant) -> wp.Kernel:
+    mixture, real = variant.mixture, variant.real
+    vec3, mat33, node_t, step_t = variant.vec3, variant.mat33, variant.node_t, variant.step_t
+    w_e_t, w_p_t, theta_t, memory_t = mixture.w_e_t, mixture.w_p_t, mixture.theta_t, mixture.memory_t
+    transfer, rows, drives = make_transfer(variant.scheme, real), make_rows(variant), variant.drives
+    spline, scatter, row, column = transfer.spline, transfer.scatter, rows.row, rows.column
+    inside, cell, eye = spline.inside, spline.cell, spline.eye
+    stress, branch_stress = mixture.stress, mixture.branch_stress
+    plastic, memory, branched = mixture.is_plastic, len(mixture.memory) > 0, len(mixture.branches) > 0
+    mixes_e, mixes_p = mixture.Ke > 1, mixture.Kp > 1
+    body, driven, classic = variant.body, len(drives) > 0, variant.scheme.force == "classic"
+    drive = make_drives(drives, real)
+    drive_t, accelerate, hold = drive.drive_t, drive.accelerate, drive.hold
+    inverse = real(1 / variant.scheme.inertia)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def grid_update(
-        grid: wp.array[vec4],  # (nodes,) momentum, mass   in, and cleared for the next step
-        row: wp.array2d[wall_t],  # (steps, walls)
-        s: wp.int32,  # row of this step
-        g_dt: vec3,  # [m/s]  g Δt
+    def p2g(
+        X: wp.array[vec3],  # (N,) [m]   position at the beginning of the frame
+        u: wp.array[vec3],  # (N,) [m]   displacement since
+        v: wp.array[vec3],  # (N,) [m/s]
+        C: wp.array[mat33],  # (N,) [1/s]
+        He: wp.array[mat33],  # (N,) [-]  trial elastic deformation gradient minus I
+        HN: wp.array[mat33],  # (N,) [-]  that of the viscous branch, only with one
+        memory_in: wp.array[memory_t],  # (N,)  only of laws that remember
+        w_e: wp.array[w_e_t],  # (N,) [-]
+        w_p: wp.array[w_p_t],  # (N,) [-]
+        theta: wp.array[theta_t],  # (N,) SI
+        m: wp.array[real],  # (N,) [kg]
+        vol: wp.array[real],  # (N,) [m³]
+        b: wp.array[vec3],  # (N,) [m/s²]  only with a body acceleration
+        tag: wp.array[wp.int32],  # (N,)  only with drives
+        drive_row: wp.array2d[drive_t],  # (substeps, drives)
+        low: vec3,  # [m]  lowest node
         dx: real,
-        n: wp.vec3i,
-        grid_v: wp.array[vec4],  # (nodes,) velocity [m/s], -   out
+        n: wp.vec3i,  # nodes along each axis
+        per: wp.int32,  # particles of a lane; every lane has a copy of the nodes
+        steps: wp.array[step_t],
+        s: wp.int32,  # number of this substep
+        at: wp.int32,  # first row of this state in u, v, C, He
+        to: wp.int32,  # first row of the next one
+        start: wp.int32,  # first particle of this launch
+        grid: wp.array[node_t],  # (lanes · nodes,) momentum [kg m/s], mass [kg], impulse [N s]   out
+        He_out: wp.array[mat33],  # (N,) [-]  elastic part minus I, after flow   out, only with plasticity
+        HN_out: wp.array[mat33],
+        memory_out: wp.array[memory_t],
+        status: wp.array[wp.int32],  # (3,)   out
     ):
-        o = wp.tid()
-        a = grid[o]
-        if a[3] > real(0.0):
-            v = velocity(a, g_dt)
-            if wp.static(has_walls):
-                v = apply(v, place(o, n, dx), row, s)
-            grid_v[o] = vec4(v[0], v[1], v[2], real(0.0))
-            grid[o] = vec4(real(0.0))
+        p = start + wp.tid()
+        r = at + p
+        idx = real(1.0) / dx
+        place = (X[p] - low) + u[r]
+        g = place * idx
+        if not inside(g, n):
+            wp.atomic_max(status, LEFT, p + 1)
+            return
+        bx, by, bz, f = cell(g)
+        step = steps[s]
+        dt, kick = step[0], step[1]
+        w_e_p = w_e_t()
+        w_p_p = w_p_t()
+        if wp.static(mixes_e):
+            w_e_p = w_e[p]
+        if wp.static(mixes_p):
+            w_p_p = w_p[p]
+        F = eye() + He[r]
+        if wp.static(memory):
+            tau, Fe, h = stress(F, w_e_p, w_p_p, theta[p], dt, memory_in[r])
+            memory_out[to + p] = h
+        else:
+            tau, Fe = stress(F, w_e_p, w_p_p, theta[p], dt)
+        if wp.static(plastic):
+            He_out[p] = He[r] + (Fe - F)  # what does not flow keeps the digits that F rounds away
+        if wp.static(branched):
+            FN = eye() + HN[r]
+            tau_N, Fe_N = branch_stress(FN, theta[p], dt)
+            HN_out[p] = HN[r] + (Fe_N - FN)
+            tau += tau_N
+        m_p, v_p, C_p = m[p], v[r], C[r]
+        a_p = vec3()
+        if wp.static(driven):
+            v_p, C_p = hold(place, v_p, C_p, tag[p], drive_row, s)
+            a_p = accelerate(place, v_p, tag[p], drive_row, s)
+        if wp.static(body):
+            a_p += b[p]
+        A = (m_p * dx) * C_p  # per cell, not per metre
+        T = (-kick * vol[p] * idx) * tau
+        q3, f3 = m_p * v_p - A * f, vec3()
+        if wp.static(body or driven):
+            f3 += (kick * m_p) * a_p
+        z, o = vec3(), real(0.0)
+        base = (p // per) * (n[0] * n[1] * n[2])
+        if wp.static(classic):
+            scatter(
+                grid, base, n, bx, by, bz, f, row(q3, m_p, f3),
+                row(column(A, 0), o, z), row(column(A, 1), o, z), row(column(A, 2), o, z),
+                row(z, o, column(T, 0)), row(z, o, column(T, 1)), row(z, o, column(T, 2)),
+            )  # fmt: skip
+        else:
+            T = inverse * T
+            scatter(
+                grid, base, n, bx, by, bz, f, row(q3, m_p, f3 - T * f),
+                row(column(A, 0), o, column(T, 0)),
+                row(column(A, 1), o, column(T, 1)),
+                row(column(A, 2), o, column(T, 2)),
+            )  # fmt: skip
+
+    return p2g
+
+
+def _make_g2p(variant: Variant) -> wp.Kernel:
+    mixture, real = variant.mixture, variant.real
+    vec3, mat33, node_t, step_t, memory_t = (
+        variant.vec3, variant.mat33, variant.node_t, variant.step_t, mixture.memory_t
+    )  # fmt: skip
+    transfer, rows, drives = make_transfer(variant.scheme, real), make_rows(variant), variant.drives
+    spline, gather, log_det = transfer.spline, transfer.gather, rows.log_det
+    first, second, moments = rows.first, rows.second, rows.moments
+    inside, cell, eye = spline.inside, spline.cell, spline.eye
+    plastic, branched = mixture.is_plastic, len(mixture.branches) > 0
+    opens = "log_J" in mixture.memory
+    at_log_J = mixture.memory.index("log_J") if opens else 0
+    driven, classic, keeps = len(drives) > 0, variant.scheme.force == "classic", variant.scheme.keeps
+    turns = variant.scheme.retain > 0.0
+    drive = make_drives(drives, real)
+    drive_t, hold = drive.drive_t, drive.hold
+    inverse = real(1 / variant.scheme.inertia)
 
     @wp.kernel(module="unique", enable_backward=False)
     def g2p(
         X: wp.array[vec3],
         u: wp.array[vec3],
+        v: wp.array[vec3],
+        C: wp.array[mat33],
         He: wp.array[mat33],  # elastic part minus I: with plasticity after flow, one row a particle, else rows as u
         H: wp.array[mat33],  # (N,) [-]  total deformation gradient minus I, only with plasticity
-        log_J: wp.array[real],  # (N,) [-]  its ln det, only with volumetric memory
-        grid_v: wp.array[vec4],
+        HN: wp.array[mat33],  # (N,) [-]  viscous branch after flow, one row a particle
+        grid_v: wp.array[node_t],  # (scenes · nodes,) velocity after the step and before it [m/s]
+        tag: wp.array[wp.int32],
+        drive_row: wp.array2d[drive_t],
         low: vec3,
         dx: real,
-        dt: real,
         n: wp.vec3i,
+        per: wp.int32,  # particles of a scene
+        steps: wp.array[step_t],
+        s: wp.int32,
         at: wp.int32,  # first row of this state
         to: wp.int32,  # first row of the next one; may be the same
+        start: wp.int32,
         u_out: wp.array[vec3],
         v_out: wp.array[vec3],
         C_out: wp.array[mat33],
         He_out: wp.array[mat33],
         H_out: wp.array[mat33],
-        log_J_out: wp.array[real],
+        HN_out: wp.array[mat33],
+        memory_out: wp.array[memory_t],
         status: wp.array[wp.int32],
     ):
-        p = wp.tid()
+        p = start + wp.tid()
         r, t = at + p, to + p
         idx = real(1.0) / dx
         u_p = u[r]
-        g = ((X[p] - low) + u_p) * idx
+        place = (X[p] - low) + u_p
+        g = place * idx
         if not inside(g, n):
             return
         bx, by, bz, f = cell(g)
-        wx, wy, wz = weights(f[0]), weights(f[1]), weights(f[2])
-        b0, b1, b2, b3 = vec4(), vec4(), vec4(), vec4()
-        for i in range(3):
-            for j in range(3):
-                w_ij = wx[i] * wy[j]
-                o = ((bx + i) * n[1] + by + j) * n[2] + bz
-                v0, v1, v2 = w_ij * wz[0] * grid_v[o], w_ij * wz[1] * grid_v[o + 1], w_ij * wz[2] * grid_v[o + 2]
-                v_ij = v0 + v1 + v2
-                b3 += v_ij
-                b0 += wp.static(real(i)) * v_ij
-                b1 += wp.static(real(j)) * v_ij
-                b2 += v1 + real(2.0) * v2
-        v_p = vec3(b3[0], b3[1], b3[2])
-        m0 = vec3(b0[0], b0[1], b0[2])
-        m1 = vec3(b1[0], b1[1], b1[2])
-        m2 = vec3(b2[0], b2[1], b2[2])
-        c = real(4.0) * idx
-        C_p = wp.matrix_from_cols((m0 - v_p * f[0]) * c, (m1 - v_p * f[1]) * c, (m2 - v_p * f[2]) * c)
-        L = dt * C_p
+        step = steps[s]
+        dt, alpha = step[0], step[2]
+        base = (p // per) * (n[0] * n[1] * n[2])
+        c = inverse * idx
+        L = mat33()
+        if wp.static(classic):
+            sum, m0, m1, m2, g0, g1, g2 = gather(grid_v, base, n, bx, by, bz, f)
+            L = wp.matrix_from_cols(idx * first(g0), idx * first(g1), idx * first(g2))
+        else:
+            sum, m0, m1, m2 = gather(grid_v, base, n, bx, by, bz, f)
+        v_p = first(sum)
+        C_p = c * moments(v_p, first(m0), first(m1), first(m2), f)
+        if wp.static(not classic):
+            L = C_p
+        if wp.static(keeps):
+            v_0, C_0 = v[r], C[r]
+            if wp.static(driven):
+                v_0, C_0 = hold(place, v_0, C_0, tag[p], drive_row, s)
+            V_0 = second(sum)
+            B_0 = c * moments(V_0, second(m0), second(m1), second(m2), f)
+            if wp.static(turns):
+                K = C_p * L
+                C_p -= (real(0.5) * dt) * (K + wp.transpose(K))
+            v_p += alpha * (v_0 - V_0)
+            C_p += alpha * (C_0 - B_0)
+        if wp.static(driven):
+            v_p, C_p = hold(place, v_p, C_p, tag[p], drive_row, s)
+        L = dt * L
         e = r
         if wp.static(plastic):
             e = p
@@ -277,10 +296,12 @@ def _make_kernels(mixture: Any, walls: Signature, real: type) -> SimpleNamespace
         if wp.static(plastic):
             H_p = H[r]
             H_out[t] = H_p + L + L * H_p
-        if wp.static(memory):
-            log_J_out[t] = log_J[r] + log_det(L)
+        if wp.static(branched):
+            HN_p = HN[p]
+            HN_out[t] = HN_p + L + L * HN_p
+        if wp.static(opens):
+            h = memory_out[t]  # p2g has written what flow adds
+            h[wp.static(at_log_J)] = h[wp.static(at_log_J)] + log_det(L)
+            memory_out[t] = h
 
-    return SimpleNamespace(
-        p2g=p2g, grid_update=grid_update, g2p=g2p, velocity=velocity, place=place,
-        real=real, vec3=vec3, vec4=vec4, mat33=mat33, wall_t=wall_t, mixture=mixture, walls=walls,
-    )  # fmt: skip
+    return g2p

@@ -1,14 +1,8 @@
-"""From particles and a material field to a trajectory: one autograd node a frame, the time step from the material.
-
-    n_sub = ⌈T / min( cfl Δx / (c + V),  0.8 Δx / (s c + V) )⌉,      T = 1/fps
-
-c is the fastest wave of the mixture at rest, V bounds the speed of a particle in the frame, s ≥ 1 says how much faster
-waves run in the present stretch. The number depends on the material, so it is found again for every frame; it is not
-differentiated.
-"""
+"""From particles and a material field to a trajectory: one autograd node a frame, the time step from the material."""
 
 import dataclasses
 import math
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,24 +10,42 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from diffuphy.material import make_mixture, rate_gate, wave_speed
+from diffuphy.material import make_mixture, rate_gate
+from diffuphy.mpm.clock import Clock
+from diffuphy.mpm.controls import Controls
+from diffuphy.mpm.drive import tags
 from diffuphy.mpm.gather import Gather, Sums, check_gather
 from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.kernels import FAST, INVERTED, LEFT
 from diffuphy.mpm.scene import Scene
-from diffuphy.mpm.solver import Solver
-from diffuphy.mpm.state import REAL, Matter, Rows, Span, State, check, initial_state, make_matter, stretches
+from diffuphy.mpm.solver import Body, Solver
+from diffuphy.mpm.state import (
+    REAL,
+    Bars,
+    Matter,
+    Rows,
+    Span,
+    State,
+    check,
+    check_state,
+    initial_state,
+    make_matter,
+    placed,
+)  # fmt: skip
 from diffuphy.types import MaterialField, SimulationDiverged, Trajectory
-
-STABLE = 0.8
-"""Largest Δt (c + |v|) / Δx of an explicit step that is stable for all laws of the library [-]."""
 
 GROWTHS = 6
 """How often the block of a frame may be enlarged, each time twice as much, before the particles are taken to have
 exploded."""
 
-MAX_SUBSTEPS = 10**6
-"""Substeps of one frame beyond which a scene is refused: it is stiffer than an explicit step can film."""
+HALVINGS = 4
+"""How often the substep of a frame may be halved before its scene is taken to be impossible."""
+
+THREADED = 16384
+"""Particles from which on several threads are faster than one."""
+
+MAX_THREADS = 8
+"""Most threads that are taken unless told otherwise: each has a copy of the nodes."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +64,8 @@ class FrameReport:
     """Block of nodes."""
     reruns: int
     """How often it was enlarged because particles left it."""
+    halvings: int = 0
+    """How often the substep was halved because waves became too fast for it."""
     expected_dv: Tensor | None = dataclasses.field(default=None, repr=False, compare=False)
     """Velocity change of each particle by stress and gravity, shape (N, 3) [m/s], if gathered; see ``mpm.gather``."""
     impulse: Tensor | None = dataclasses.field(default=None, repr=False, compare=False)
@@ -63,29 +77,38 @@ class Frame(torch.autograd.Function):
     its substeps again."""
 
     @staticmethod
-    def forward(
-        ctx: Any, solver: Solver, span: Span, replay: dict[str, Any], end: State, vol: Tensor,
-        x: Tensor, v: Tensor, C: Tensor, He: Tensor, H: Tensor | None, log_J: Tensor | None,
-        w_e: Tensor, w_p: Tensor, theta: Tensor, m: Tensor,
-    ) -> tuple[Tensor | None, ...]:  # fmt: skip
-        """Hand out ``end``, which the solver made from the other arguments."""
+    def forward(ctx: Any, solver: Solver, span: Span, replay: dict[str, Any], end: State, *parts: Tensor | None) -> Any:
+        """Hand out ``end``, which the solver made from ``parts``: vol, tag, those of a state, w_e, w_p, θ, m, and
+        that of the retention, and those of the controls."""
         ctx.solver, ctx.span, ctx.replay = solver, span, replay
-        ctx.save_for_backward(x, v, C, He, H, log_J, w_e, w_p, theta, m, vol)
-        return end.x, end.v, end.C, end.He, end.H, end.log_J
+        ctx.save_for_backward(*parts)
+        return end.tensors()
 
     @staticmethod
     def backward(ctx: Any, *grads: Tensor | None) -> tuple[Any, ...]:
-        *state, w_e, w_p, theta, m, vol = ctx.saved_tensors
-        bars = [_bar(t, g) for t, g in zip(state, grads, strict=True)]
-        start, matter = ctx.solver.advance_adjoint(
+        vol, tag, *parts = ctx.saved_tensors
+        state, matter, rate, controls = parts[:7], parts[7:11], parts[11], Controls(*parts[12:])
+        need = ctx.needs_input_grad[17:]
+        out = ctx.solver.advance_adjoint(
             State(*state),
-            Matter(w_e, w_p, theta, m, vol),
+            Matter(*matter, vol, tag),
             ctx.span,
-            State(*bars),
-            ctx.needs_input_grad[11:15],
+            Bars(*(_bar(t, g) for t, g in zip(state, grads, strict=True))),
+            ctx.needs_input_grad[13:17],
+            alpha=need[0],
+            gravity=need[1],
+            walls=any(need[2:]),
             **ctx.replay,
         )
-        return (None, None, None, None, None, start.x, start.v, start.C, start.He, start.H, start.log_J, *matter)
+        span = ctx.span
+        rate_bar = None if out.alpha is None else (-span.dt * span.alpha * out.alpha.sum()).to(rate)
+        of_state = (out.x, out.v, out.C, out.He, out.H, out.memory, out.HN)
+        return (
+            (None,) * 6
+            + of_state
+            + (out.w_e, out.w_p, out.theta, out.m, rate_bar)
+            + controls.bars(out.gravity, out.walls)
+        )
 
 
 def _bar(t: Tensor | None, grad: Tensor | None) -> Tensor | None:
@@ -117,12 +140,16 @@ def simulate(
     grad: bool = False,
     state: State | None = None,
     velocity: Tensor | None = None,
+    controls: Controls = Controls(),  # noqa: B008, frozen
+    body: Body | None = None,
     dt: float | None = None,
     dt_ref: float | None = None,
     segment: int | None = None,
     keep: bool = False,
     report: list[FrameReport] | None = None,
     gather: Sequence[Gather] = (),
+    scenes: int = 1,
+    threads: int | None = None,
 ) -> Iterator[State]:
     """The states at the frames of a scene, one after the other, the initial one first.
 
@@ -132,8 +159,10 @@ def simulate(
         field: laws, weights, parameters and densities of the N particles.
         frames: number of frames, ``scene.frames`` if None.
         grad: keep what the backward pass needs: the state at each frame.
-        state: go on from this one instead of from the scene's initial state; ``x`` is then not read.
+        state: go on from this one instead of from the scene's initial state; of ``x`` only drives read then.
         velocity: added to the initial velocity of the scene, shape (N, 3) or (3,) [m/s].
+        controls: numbers of the scene as tensors, to differentiate in.
+        body: acceleration of every particle at a time, f(t [s]) → (N, 3) [m/s²]; a constant of the graph.
         dt: pin the substep to at most this [s]; refused if it is unstable.
         dt_ref: time over which partial plastic weights are meant [s], see ``material.rate_gate``; None takes them
             per substep. One-hot weights are the same either way.
@@ -142,27 +171,22 @@ def simulate(
             float32 (132 with plasticity) for a fifth of the time of forward and backward.
         report: a list to which the report of each frame is appended.
         gather: sums over substeps that the reports then hold, "expected_dv" or "impulse" or both: constants of the
-            graph, taken in the forward pass by two kernels and by one. What is not asked for costs nothing.
+            graph, taken in the forward pass. What is not asked for costs nothing.
+        scenes: how many scenes with the same number of particles the tensors hold one after the other; they do not
+            touch and share Δt and the block of nodes. See ``rollout_batch``.
+        threads: threads that work on a CPU, by default one for every core if there are THREADED particles or more. The
+            result depends on their number by rounding only, and on nothing else.
 
     Raises:
         ValueError: shapes, precisions or values that make no simulation; an unstable ``dt``.
         SimulationDiverged: a particle with a state that means nothing; the message names it.
     """
+    scene = controls.applied(scene)
     check(x, vol, field)
     check_gather(gather)
-    if gather and report is None:
-        raise ValueError(f"gather = {tuple(gather)} fills the reports of frames; give a list as report")
-    if segment is not None and segment < 1:
-        raise ValueError(f"segment must be at least 1 substep, got {segment}")
-    mixture = make_mixture(tuple(field.elastic), tuple(field.plastic), REAL[x.dtype])
+    _check_options(gather, report, segment, scenes, len(x), threads)
+    mixture = make_mixture(tuple(field.elastic), tuple(field.plastic), REAL[x.dtype], tuple(field.branches))
     matter = make_matter(field, vol, mixture.params, x.dtype, grad)
-    solver = Solver(mixture, scene.boundaries, scene.gravity, x.dtype, x.device)
-    c = wave_speed(
-        tuple(field.elastic),
-        matter.w_e.detach(),
-        dict(zip(mixture.params, matter.theta.detach().T, strict=True)),
-        matter.m.detach() / matter.vol,
-    )
     if state is None:
         state = initial_state(
             scene,
@@ -170,113 +194,108 @@ def simulate(
             matter.m,
             mixture,
             velocity if grad or velocity is None else velocity.detach(),
+            scenes,
         )
-    elif bool((bad := torch.linalg.det(state.He.detach() + torch.eye(3).to(state.He)) <= 0).any()):
-        raise ValueError(
-            f"det F of particle {int(bad.nonzero()[0])} is not positive in the state to go on from; a body cannot be "
-            "inside out"
-        )
-    elif mixture.volumetric_memory and state.log_J is None:
-        raise ValueError(
-            f"the laws {field.plastic} read ln J, and the state to go on from has none; start from one of theirs"
-        )
+    else:
+        check_state(state, mixture)
+    if scene.drives:
+        matter = dataclasses.replace(matter, tag=tags(scene.drives, placed(scene, x).detach(), matter.m.detach()))
+    solver = Solver(
+        mixture, scene.boundaries, scene.gravity, x.dtype, x.device, particles=len(x) // scenes, dx=scene.dx,
+        scheme=scene.scheme, drives=scene.drives, body=body, gather=gather, grad=grad, scenes=scenes,
+        threads=_threads(threads, len(x)),
+    )  # fmt: skip
+    clock = Clock(scene, solver, field, matter, dt)
     yield state
     for frame in range(scene.frames if frames is None else frames):
-        span, speed = _span(scene, state, c, dt)
         now = matter
         if dt_ref is not None and mixture.is_plastic:
-            now = dataclasses.replace(matter, w_p=rate_gate(matter.w_p, field.plastic, span.dt, dt_ref).contiguous())
-        end, kept, span, reruns, sums = _advance(solver, state, now, span, frame, c, keep and grad, gather)
+            step = clock.span(state).dt
+            now = dataclasses.replace(matter, w_p=rate_gate(matter.w_p, field.plastic, step, dt_ref).contiguous())
+        end, kept, span, taken = _advance(clock, state, now, frame, keep and grad, gather)
         if report is not None:
-            taken = (None, None) if sums is None else (sums.expected_dv, sums.impulse)
-            report.append(FrameReport(span.n_sub, span.dt, float(c.max()), speed, span.grid, reruns, *taken))
+            report.append(taken)
         replay = {"segment": segment, "kept": kept}
-        state = _node(solver, span, replay, end, state, now) if grad else end
+        state = _node(clock, span, replay, end, state, now, controls) if grad else end
         yield state
 
 
-def _node(solver: Solver, span: Span, replay: dict[str, Any], end: State, start: State, matter: Matter) -> State:
-    """``end`` as a function of ``start`` and ``matter``, if anything there wants a gradient."""
-    parts = (start.x, start.v, start.C, start.He, start.H, start.log_J, matter.w_e, matter.w_p, matter.theta, matter.m)
-    if not any(t is not None and t.requires_grad for t in parts):
+def _check_options(
+    gather: Sequence[str], report: Any, segment: int | None, scenes: int, particles: int, threads: int | None
+) -> None:
+    if gather and report is None:
+        raise ValueError(f"gather = {tuple(gather)} fills the reports of frames; give a list as report")
+    if segment is not None and segment < 1:
+        raise ValueError(f"segment must be at least 1 substep, got {segment}")
+    if scenes < 1 or particles % scenes:
+        raise ValueError(f"scenes must divide the number of particles, got scenes = {scenes} and {particles} particles")
+    if threads is not None and threads < 1:
+        raise ValueError(f"threads must be at least 1, got {threads}")
+
+
+def _threads(threads: int | None, particles: int) -> int:
+    if threads is not None:
+        return threads
+    return min(os.cpu_count() or 1, MAX_THREADS) if particles >= THREADED else 1
+
+
+def _node(
+    clock: Clock, span: Span, replay: dict[str, Any], end: State, start: State, matter: Matter, controls: Controls
+) -> State:
+    """``end`` as a function of ``start``, ``matter`` and ``controls``, if anything there wants a gradient."""
+    wanted = (*start.tensors(), *matter.tensors()[:4], clock.rate, *controls.tensors())
+    if not any(t is not None and t.requires_grad for t in wanted):
         return end
-    parts = tuple(None if t is None else t.contiguous() for t in parts)
-    return State(*Frame.apply(solver, span, replay, end, matter.vol, *parts), end.time)
-
-
-def _span(scene: Scene, state: State, c: Tensor, dt: float | None) -> tuple[Span, float]:
-    """Time step and block of the next frame; and the bound on the speed."""
-    T, dx = 1.0 / scene.fps, scene.dx
-    x, v, He = state.x.detach(), state.v.detach(), state.He.detach()
-    speed = (
-        float(v.norm(dim=1).max())
-        + math.hypot(*scene.gravity) * T
-        + max((b.speed for b in scene.boundaries), default=0.0)
-    )
-    low, high = stretches(He)
-    # Waves in space run at c s in extension and c √(1 + |ln s|) in compression, for every elastic law of the library
-    # or slower;
-    # the closed form of s has no digits below 1e-3 in float32, and the root hardly grows there.
-    stiff = float((c * torch.maximum(high, (1 - low.clamp(1e-3, 1).log()).sqrt())).max())
-    limit = STABLE * dx / (stiff + speed)
-    if dt is not None and T / math.ceil(T / dt) > limit:
-        raise ValueError(
-            f"dt = {dt:.3g} s is unstable: waves of {stiff:.3g} m/s and particles of up to {speed:.3g} m/s cross "
-            f"more than {STABLE} cells "
-            f"of {dx:.3g} m in it; use at most {limit:.3g} s, or leave dt out"
-        )
-    step = min(scene.cfl * dx / (float(c.max()) + speed), limit) if dt is None else dt
-    if not step > 0 or T / step > MAX_SUBSTEPS:
-        raise (ValueError if state.time == 0.0 else SimulationDiverged)(
-            f"the frame at t = {state.time:.4g} s would take {T / step if step > 0 else math.inf:.3g} substeps: "
-            f"waves run at {stiff:.3g} m/s through cells of {dx:.3g} m; "
-            "use a softer or denser material, a larger dx, or a higher fps"
-        )
-    n_sub = math.ceil(T / step)
-    g = torch.tensor(scene.gravity, dtype=torch.float64)
-    slack = dx + 0.25 * speed * T
-    down = (x.amin(0).cpu() + (v.amin(0).cpu().clamp_max(0) * T + g.clamp_max(0) * T * T / 2)).double() - slack
-    up = (x.amax(0).cpu() + (v.amax(0).cpu().clamp_min(0) * T + g.clamp_min(0) * T * T / 2)).double() + slack
-    return Span(Grid.around(down.tolist(), up.tolist(), dx), state.time, T / n_sub, n_sub), speed
+    parts = tuple(None if t is None else t.contiguous() for t in wanted)
+    return State(*Frame.apply(clock.solver, span, replay, end, matter.vol, matter.tag, *parts), end.time)
 
 
 def _advance(
-    solver: Solver,
-    state: State,
-    matter: Matter,
-    span: Span,
-    frame: int,
-    c: Tensor,
-    keep: bool,
-    gather: Sequence[Gather],
-) -> tuple[State, Rows | None, Span, int, Sums | None]:
-    """The state after a frame, in a block large enough for it, and the sums of that run alone.
+    clock: Clock, state: State, matter: Matter, frame: int, keep: bool, gather: Sequence[Gather]
+) -> tuple[State, Rows | None, Span, FrameReport]:
+    """The state after a frame, in a block large enough for it and with a step short enough; and the sums of that run
+    alone.
 
     Raises:
         SimulationDiverged: naming particle, frame, place, speed, CFL number and what to change.
     """
-    for reruns in range(GROWTHS + 1):
+    solver, span = clock.solver, clock.span(state)
+    grown = halved = 0
+    while True:
         sums = Sums.zero(gather, state.x.detach(), span.grid.nodes) if gather else None
         end, status, kept = solver.advance(state, matter, span, keep, sums)
-        finite = torch.isfinite(end.x).all(1) & torch.isfinite(end.v).all(1) & torch.isfinite(end.He).flatten(1).all(1)
-        if not bool(finite.all()):
-            _diverged("is not finite", int((~finite).nonzero()[0]), state, end, span, frame, c)
-        if status[INVERTED]:
-            _diverged("was turned inside out (det F ≤ 0)", status[INVERTED] - 1, state, end, span, frame, c)
-        if status[FAST]:
-            _diverged("crossed more than one cell in a substep", status[FAST] - 1, state, end, span, frame, c)
-        if not status[LEFT]:
-            return end, kept, span, reruns, sums
-        left = status[LEFT] - 1
-        span = dataclasses.replace(span, grid=span.grid.grown(4 * 2**reruns))
-    _diverged("left every block of nodes", left, state, end, span, frame, c)
-    raise AssertionError
+        trouble = _trouble(end, status)
+        if trouble is None and status[LEFT] and grown < GROWTHS:
+            span = dataclasses.replace(span, grid=span.grid.grown(4 * 2**grown))
+            grown += 1
+            continue
+        if trouble is None and status[LEFT]:
+            trouble = ("left every block of nodes", status[LEFT] - 1)
+        if trouble is None and not (clock.outrun(span, end) and halved < HALVINGS):
+            taken = (None, None) if sums is None else (sums.expected_dv, sums.impulse)
+            speed = clock.speed(state)
+            report = FrameReport(span.n_sub, span.dt, clock.wave, speed, span.grid, grown, halved, *taken)
+            return end, kept, span, report
+        if clock.dt is not None or halved == HALVINGS:
+            assert trouble is not None
+            raise _diverged(*trouble, state, end, span, frame, clock.rest)
+        span, halved = clock.halved(span), halved + 1
 
 
-def _diverged(what: str, p: int, start: State, end: State, span: Span, frame: int, c: Tensor) -> None:
+def _trouble(end: State, status: list[int]) -> tuple[str, int] | None:
+    """What went wrong in a frame, and with which particle."""
+    if status[INVERTED]:
+        return "was turned inside out (det F ≤ 0)", status[INVERTED] - 1
+    if status[FAST]:
+        return "crossed more than one cell in a substep", status[FAST] - 1
+    finite = torch.isfinite(end.x).all(1) & torch.isfinite(end.v).all(1) & torch.isfinite(end.He).flatten(1).all(1)
+    return None if bool(finite.all()) else ("is not finite", int((~finite).nonzero()[0]))
+
+
+def _diverged(what: str, p: int, start: State, end: State, span: Span, frame: int, c: Tensor) -> SimulationDiverged:
     v = float(end.v[p].norm())
     cfl = span.dt * (float(c[p]) + (v if math.isfinite(v) else float(start.v[p].norm()))) / span.grid.dx
-    raise SimulationDiverged(
+    return SimulationDiverged(
         f"particle {p} {what} in frame {frame} (t = {span.start:.4g} … {span.end:.4g} s): x = {_text(end.x[p])} m, "
         f"|v| = {v:.3g} m/s, "
         f"at the start of the frame x = {_text(start.x[p])} m, |v| = {float(start.v[p].norm()):.3g} m/s; Δt = "

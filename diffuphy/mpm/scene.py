@@ -5,7 +5,9 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from diffuphy.mpm.boundary import Boundary, HalfSpace, Sphere, Vec, _vector
+from diffuphy.mpm.boundary import Boundary, HalfSpace, Sphere, Vec, vector
+from diffuphy.mpm.drive import Drive, check_drives
+from diffuphy.mpm.scheme import Scheme
 
 GRAVITY = 9.81
 """Standard gravity, rounded [m/s²]."""
@@ -30,14 +32,19 @@ class Scene:
     lift: float | None = 0.0
     """Initial height of the lowest particle [m]; None leaves the particles where they are."""
     boundaries: tuple[Boundary, ...] = (HalfSpace(friction=0.5),)
-    """Walls; ``HalfSpace`` and ``Sphere``, at most 8."""
+    """Walls, which act in this order; see ``mpm.boundary``."""
+    drives: tuple[Drive, ...] = ()
+    """What else acts on particles: impulses, force fields, particles that are held; see ``mpm.drive``."""
     cfl: float = 0.4
     """Δt (c + |v|) / Δx, the cells that a wave crosses in a substep [-]. Explicit steps are stable to about 0.8; half
     of it leaves room for stiffening while a body is squeezed."""
 
+    scheme: Scheme = Scheme()
+    """Transfer between particles and grid, walls and time integration."""
+
     def __post_init__(self) -> None:
         for name in ("gravity", "velocity", "spin"):
-            object.__setattr__(self, name, _vector(name, getattr(self, name)))
+            object.__setattr__(self, name, vector(name, getattr(self, name)))
         for name in ("dx", "fps"):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise ValueError(f"{name} must be positive and finite, got {getattr(self, name)}")
@@ -48,13 +55,13 @@ class Scene:
         if not 0.0 < self.cfl <= 0.8:
             raise ValueError(f"cfl must be in (0, 0.8], got {self.cfl}: beyond 0.8 an explicit step is unstable")
         object.__setattr__(self, "boundaries", tuple(self.boundaries))
-        if len(self.boundaries) > 8:
-            raise ValueError(f"at most 8 boundaries, got {len(self.boundaries)}")
-        for b in self.boundaries:
-            if isinstance(b, Sphere) and b.radius < 1.5 * self.dx:
+        object.__setattr__(self, "drives", tuple(self.drives))
+        check_drives(self.drives)
+        for k, b in enumerate(self.boundaries):
+            if b.thickness < 3.0 * self.dx:
                 raise ValueError(
-                    f"a ball of radius {b.radius} m slips between grid nodes {self.dx:.3g} m apart; its radius must "
-                    "be at least 1.5 dx"
+                    f"boundaries[{k}], a {type(b).__name__} {b.thickness:.3g} m thick, slips between grid nodes "
+                    f"{self.dx:.3g} m apart; make it at least 3 dx = {3.0 * self.dx:.3g} m thick, or dx smaller"
                 )
 
 

@@ -1,9 +1,10 @@
-"""One frame forward, one frame backward: the kernels in order, on buffers that belong to one solver.
+"""One frame forward, one frame backward, on buffers that belong to one solver.
 
 Several solvers may run in several threads; one solver may not. Nothing here decides a step or a block of nodes:
 ``rollout`` does.
 """
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -11,26 +12,42 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from diffuphy.mpm.adjoint import Needs, make_adjoint
-from diffuphy.mpm.boundary import Boundary, signature
-from diffuphy.mpm.gather import Sums, make_gather
-from diffuphy.mpm.kernels import make_kernels
-from diffuphy.mpm.launch import Arguments, set_integers
-from diffuphy.mpm.state import REAL, Matter, Rows, Span, State, view
+from diffuphy.mpm.adjoint import Needs
+from diffuphy.mpm.boundary import N_WALL, Boundary, signature
+from diffuphy.mpm.drive import Drive, drive_signature
+from diffuphy.mpm.gather import Sums
+from diffuphy.mpm.launch import Arguments, Bound, Lanes
+from diffuphy.mpm.mirror import Mirrors, mirrors
+from diffuphy.mpm.program import backward, forward
+from diffuphy.mpm.scheme import Scheme
+from diffuphy.mpm.state import REAL, Bars, Matter, Rows, Span, State
+from diffuphy.mpm.variant import Variant
 
 SEGMENT_BYTES = 2**28
 """Memory the stored substeps of one frame may take in the backward pass before they are cut into segments [byte]."""
+
+Body = Callable[[float], Tensor]
+"""Acceleration of every particle at a time [s], shape (N, 3) [m/s²]."""
 
 
 class Solver:
     """Runs the substeps of a frame, forward or backward.
 
     Args:
-        mixture: laws, from ``material.mixture.make_mixture``.
+        mixture: laws, from ``material.make_mixture``.
         boundaries: walls; a solver without any has no wall code.
         gravity: acceleration [m/s²].
         dtype: torch.float32 or torch.float64.
         device: where the tensors are.
+        particles: how many there are in one scene.
+        dx: node spacing [m]; decides which walls can be mirrors.
+        scheme: transfer and time integration.
+        drives: forces and prescribed motions of particles; without any there is no code for them.
+        body: an acceleration of every particle, or None.
+        gather: sums that ``advance`` will be asked for.
+        grad: whether ``advance_adjoint`` will be called.
+        scenes: scenes one after the other in every tensor, each on a grid of its own.
+        threads: threads that launch, on a CPU.
     """
 
     def __init__(
@@ -40,17 +57,36 @@ class Solver:
         gravity: Sequence[float],
         dtype: torch.dtype,
         device: torch.device | str,
+        *,
+        particles: int,
+        dx: float,
+        scheme: Scheme = Scheme(),  # noqa: B008, frozen
+        drives: Sequence[Drive] = (),
+        body: Body | None = None,
+        gather: Sequence[str] = (),
+        grad: bool = True,
+        scenes: int = 1,
+        threads: int = 1,
     ):
         if dtype not in REAL:
             raise ValueError(
                 f"a simulation runs in torch.float32 or torch.float64, got {dtype}; convert the particles first"
             )
         wp.init()
-        self.mixture, self.boundaries, self.gravity = mixture, tuple(boundaries), tuple(float(g) for g in gravity)
-        self.dtype, self.device, self.real = dtype, torch.device(device), REAL[dtype]
-        self.walls = signature(self.boundaries)
-        self.kernels = make_kernels(mixture, self.walls, self.real)
-        self._arguments = Arguments(self.kernels, self.boundaries, self.gravity, dtype, self.device)
+        self.mixture, self.scheme, self.gravity, self.body = mixture, scheme, tuple(gravity), body
+        self.dtype, self.device = dtype, torch.device(device)
+        self.planes, walls = mirrors(boundaries, dx) if scheme.mirror else (Mirrors(), tuple(boundaries))
+        self.variant = Variant(
+            mixture, REAL[dtype], scheme, signature(walls), self.planes.any, drive_signature(drives), body is not None,
+            "impulse" in gather, grad or "expected_dv" in gather,
+        )  # fmt: skip
+        lanes = Lanes(scenes, particles, threads if self.device.type == "cpu" else 1)
+        self._args = Arguments(self.variant, walls, tuple(drives), self.planes, self.gravity, lanes, self.device)
+
+    @property
+    def shift(self) -> tuple[float, float, float]:
+        """Shift of the lattice that puts a plane of nodes on every mirror wall [Δx]."""
+        return self.planes.shift
 
     # ------------------------------------------------------------------ forward
     def advance(
@@ -59,87 +95,44 @@ class Solver:
         """The state after ``span``; for each of LEFT, INVERTED, FAST one more than the index of a particle that did so
         (0: none); and, if ``keep``, every state on the way, for ``advance_adjoint``. What ``sums`` asks for is added
         to it."""
-        with self._arguments.stream():
-            work = Rows(self.kernels, state, slots=span.n_sub + 1 if keep else 1)
+        with self._args.stream():
+            work = Rows(self.variant, state, slots=span.steps + 1 if keep else 1)
             status = torch.zeros(3, dtype=torch.int32, device=self.device)
-            flowed = torch.empty_like(state.He) if keep and self.mixture.is_plastic else None
-            substeps = self._forward(work, matter, span, status, flowed, sums)
-            if keep:
-                self._replay(substeps, work.n)
-            else:
-                for substep in substeps:
-                    substep(0, 0)
-            u, v, C, He, *more = work.take(span.n_sub) if keep else work.parts()
-            end = State(state.x.detach() + u, v, C, He, *more, *(None,) * (2 - len(more)), span.end)
+            bound, before = self._bind(work, matter, span)
+            a = work.arrays
+            flowed = self._room(work.n) if keep else (a.He, a.HN)
+            program = forward(bound, wp.from_torch(status), flowed, sums)
+            program.run(self._rounds(range(span.steps), work.n if keep else 0), before)
+            u, v, C, He, H, memory, HN = work.take(span.steps if keep else 0)
+            assert u is not None and v is not None and C is not None and He is not None
+            end = State(state.x.detach() + u, v, C, He, H, memory, HN, span.end)
             return end, status.tolist(), work if keep else None
 
-    def _forward(
-        self, work: Rows, matter: Matter, span: Span, status: Tensor, flowed: Tensor | None, sums: Sums | None = None
-    ) -> list[Callable[[int, int], None]]:
-        """The substeps of ``span`` as functions of the rows to read and to write."""
-        args, k, plastic = self._arguments, self.kernels, self.mixture.is_plastic
-        low, n, dx, dt = args.frame(span)
-        grid, grid_v = args.nodal("grid", span.grid), args.nodal("grid_v", span.grid)
-        a, mat, row = work.arrays, args.matter(matter), args.rows(span)
-        He_out = a.He if flowed is None else view(flowed, k.mat33, self.device)
-        st = wp.from_torch(status)
-        now = [a.X, a.u, a.v, a.C, a.He, a.log_J]
-        p2g = args.record(k.p2g, work.n, [*now, *mat, low, dx, dt, n, 0, grid, He_out, st])
-        grid_update = args.record(k.grid_update, span.grid.nodes, [grid, row, 0, args.kick(span), dx, n, grid_v])
-        g2p = args.record(
-            k.g2p, work.n,
-            [
-                a.X, a.u, He_out if plastic else a.He, a.H, a.log_J, grid_v, low, dx, dt, n, 0, 0,
-                a.u, a.v, a.C, a.He, a.H, a.log_J, st,
-            ],
-        )  # fmt: skip
-        gather = None if sums is None else self._gather(work, mat[3], span, grid, row, sums)
+    def _bind(self, work: Rows, matter: Matter, span: Span) -> tuple[Bound, Callable[[int], None] | None]:
+        """Arguments of a frame; and what is to be done before every round."""
+        body = self.body
+        if body is None:
+            return Bound(self._args, work, matter, span, None), None
+        now = torch.empty(work.n, 3, dtype=self.dtype, device=self.device)
 
-        def step(s: int, at: int, to: int) -> None:
-            if at != to:
-                set_integers(p2g, at=at)
-                set_integers(g2p, at=at, to=to)
-            if not args.still:
-                set_integers(grid_update, s=s)
-            p2g.launch()
-            if gather is not None:
-                gather(s, at)
-            grid_update.launch()
-            g2p.launch()
+        def accelerate(s: int) -> None:
+            now.copy_(body(span.start + s * span.dt))
 
-        return [lambda at, to, s=s: step(s, at, to) for s in range(span.n_sub)]
+        return Bound(self._args, work, matter, span, now), accelerate
 
-    def _gather(
-        self, work: Rows, m: wp.array, span: Span, grid: wp.array, row: wp.array, sums: Sums
-    ) -> Callable[[int, int], None]:
-        """What one substep adds to ``sums`` between p2g and grid_update, as a function of its number and of the row to
-        read."""
-        args, a = self._arguments, work.arrays
-        k, kick = make_gather(self.mixture, self.walls, self.real), args.kick(span)
-        low, n, dx, _ = args.frame(span)
-        forces, walls, free = [], None, None
-        if sums.expected_dv is not None:
-            free, out = args.nodal("free", span.grid), view(sums.expected_dv, self.kernels.vec3, self.device)
-            forces = [
-                args.record(k.p2g_free, work.n, [a.X, a.u, a.v, a.C, m, low, dx, n, 0, free]),
-                args.record(k.add_forces, work.n, [a.X, a.u, grid, free, kick, low, dx, n, 0, out]),
-            ]
-        if sums.nodal is not None and self.walls:
-            nodal = view(sums.nodal, self.kernels.vec3, self.device)
-            walls = args.record(k.add_walls, span.grid.nodes, [grid, row, 0, kick, dx, n, nodal])
+    def _rounds(self, which: Sequence[int], stride: int) -> list[dict[str, int]]:
+        """Numbers of some rounds in order, whose states lie ``stride`` rows apart."""
+        still = self._args.still
+        return [
+            {"s": s, "ws": 0 if still else s, "at": i * stride, "to": (i + 1) * stride} for i, s in enumerate(which)
+        ]
 
-        def add(s: int, at: int) -> None:
-            if free is not None:
-                free.zero_()
-            for command in forces:
-                set_integers(command, at=at)
-                command.launch()
-            if walls is not None:
-                if not args.still:
-                    set_integers(walls, s=s)
-                walls.launch()
-
-        return add
+    def _room(self, n: int) -> tuple[wp.array, wp.array]:
+        """Room for the elastic parts of one state after flow."""
+        v, mix = self.variant, self.mixture
+        return self._args.zeros(n if mix.is_plastic else 0, v.mat33), self._args.zeros(
+            n if mix.branches else 0, v.mat33
+        )
 
     # ------------------------------------------------------------------ backward
     def advance_adjoint(
@@ -147,102 +140,66 @@ class Solver:
         state: State,
         matter: Matter,
         span: Span,
-        bars: State,
+        bars: Bars,
         needs: Needs,
         *,
         segment: int | None = None,
         kept: Rows | None = None,
-    ) -> tuple[State, tuple[Tensor | None, Tensor | None, Tensor | None, Tensor | None]]:
-        """Gradients with respect to ``state`` and to (w_e, w_p, θ, m), given those with respect to the state after
-        ``span``.
+        gravity: bool = False,
+        walls: bool = False,
+        alpha: bool = False,
+    ) -> Bars:
+        """Gradients with respect to ``state``, to (w_e, w_p, θ, m) and to the scene, given those with respect to the
+        state after ``span``.
 
-        Substeps are run again from ``state``, ``segment`` at a time, so that at most n_sub/segment + segment states
+        Substeps are run again from ``state``, ``segment`` at a time, so that at most steps/segment + segment states
         are in memory; the result does not depend on it. By default all at once if that takes less than SEGMENT_BYTES.
 
         Args:
             bars: gradients in the fields of a state; they are overwritten.
             needs: which of w_e, w_p, θ, m want one.
             kept: what ``advance`` kept; then nothing is run again.
+            gravity, walls, alpha: whether gravity, the data of the walls and the retention want one.
         """
-        per_state = sum(
-            t[0].numel() for t in (state.x, state.v, state.C, state.He, state.H, state.log_J) if t is not None
-        )
-        per_state *= state.x.shape[0] * state.x.element_size()
-        if segment is None:
-            fits = (span.n_sub + 1) * per_state <= SEGMENT_BYTES
-            segment = span.n_sub if fits else max(1, round(span.n_sub**0.5))
-        segment = span.n_sub if kept is not None else min(segment, span.n_sub)
-        with self._arguments.stream():
-            starts = list(range(0, span.n_sub, segment))
-            work = Rows(self.kernels, state, slots=segment + 1) if kept is None else kept
-            flowed = torch.empty_like(state.He) if self.mixture.is_plastic else None
-            status = torch.zeros(3, dtype=torch.int32, device=self.device)
-            substeps = self._forward(work, matter, span, status, flowed)
+        segment = span.steps if kept is not None else min(segment or self._segment(state, span), span.steps)
+        with self._args.stream():
+            starts = list(range(0, span.steps, segment))
+            work = Rows(self.variant, state, slots=segment + 1) if kept is None else kept
+            bound, before = self._bind(work, matter, span)
+            flowed = self._room(work.n)
+            again = forward(bound, bound.status, flowed)
+            bars = self._with_room(bars, matter, span, needs, gravity, walls, alpha)
+            back = backward(bound, bars, needs, flowed)
             saved = []
             for s in starts[:-1]:
                 saved.append(work.take(0))
-                self._replay(substeps[s : s + segment], work.n)
+                again.run(self._rounds(range(s, s + segment), work.n), before)
                 work.put(work.take(segment))
-            matter_bars = tuple(
-                torch.zeros_like(t) if need else None
-                for t, need in zip((matter.w_e, matter.w_p, matter.theta, matter.m), needs, strict=True)
-            )
-            back = self._backward(work, matter, span, bars, needs, matter_bars, flowed)
             for s in reversed(starts):
                 if s != starts[-1]:
                     work.put(saved.pop())
-                n = min(segment, span.n_sub - s)
+                rounds = self._rounds(range(s, min(s + segment, span.steps)), work.n)
                 if kept is None:
-                    self._replay(substeps[s : s + n], work.n)
-                for i in reversed(range(n)):
-                    back(s + i, i * work.n, (i + 1) * work.n)
-        return bars, matter_bars  # type: ignore[return-value]
+                    again.run(rounds, before)
+                back.run([r | {"to": 0} for r in reversed(rounds)], before)  # what p2g writes again is scratch
+        return bars
 
-    @staticmethod
-    def _replay(substeps: list[Callable[[int, int], None]], n: int) -> None:
-        for i, substep in enumerate(substeps):
-            substep(i * n, (i + 1) * n)
+    def _segment(self, state: State, span: Span) -> int:
+        """Rounds that are kept at once unless told otherwise."""
+        row = sum(t[0].numel() for t in state.tensors() if t is not None) * state.x.element_size() * state.x.shape[0]
+        return span.steps if (span.steps + 1) * row <= SEGMENT_BYTES else max(1, round(span.steps**0.5))
 
-    def _backward(
-        self, work: Rows, matter: Matter, span: Span, bars: State,
-        needs: Needs, matter_bars: tuple[Tensor | None, ...], flowed: Tensor | None,
-    ) -> Callable[[int, int, int], None]:  # fmt: skip
-        """One substep backwards, as a function of its number and of the rows of its two ends."""
-        args, k, mix = self._arguments, self.kernels, self.mixture
-        adj = make_adjoint(mix, self.walls, self.real)
-        low, n, dx, dt = args.frame(span)
-        grid, grid_v, grid_bar = (args.nodal(name, span.grid) for name in ("grid", "grid_v", "grid_bar"))
-        a, mat, row, kick = work.arrays, args.matter(matter), args.rows(span), args.kick(span)
-        He = a.He if flowed is None else view(flowed, k.mat33, self.device)
-        scratch = view(flowed, k.mat33, self.device) if flowed is not None else a.He
-        status = wp.zeros(3, dtype=wp.int32, device=str(self.device))
-        pairs = ((bars.x, k.vec3), (bars.v, k.vec3), (bars.C, k.mat33), (bars.He, k.mat33))
-        b = [view(t, d, self.device) for t, d in pairs]
-        H_bar, log_J_bar = view(bars.H, k.mat33, self.device), view(bars.log_J, self.real, self.device)
-        mb = [
-            view(t, d, self.device)
-            for t, d in zip(matter_bars, (mix.w_e_t, mix.w_p_t, mix.theta_t, self.real), strict=True)
-        ]
-        N, nodes = work.n, span.grid.nodes
-        now = [a.X, a.u, a.v, a.C, a.He, a.log_J]
-        p2g = args.record(k.p2g, N, [*now, *mat, low, dx, dt, n, 0, grid, scratch, status])
-        again = args.record(adj.grid_again, nodes, [grid, row, 0, kick, dx, n, grid_v, grid_bar])
-        g2p = args.record(
-            adj.g2p_adjoint, N, [a.X, a.u, He, a.H, a.C, grid_v, low, dx, dt, n, 0, 0, *b, H_bar, log_J_bar, grid_bar]
-        )
-        grid_adjoint = args.record(adj.grid_adjoint, nodes, [grid, row, 0, kick, dx, n, grid_bar])
-        p2g_adjoint = args.record(
-            adj.p2g_adjoint, N, [*now, *mat, low, dx, dt, n, 0, grid_bar, *b, log_J_bar, *mb, *needs]
-        )
-
-        def step(s: int, at: int, to: int) -> None:
-            set_integers(p2g, at=at)
-            set_integers(g2p, at=at, to=to)
-            set_integers(p2g_adjoint, at=at)
-            if not args.still:
-                set_integers(again, s=s)
-                set_integers(grid_adjoint, s=s)
-            for command in (p2g, again, g2p, grid_adjoint, p2g_adjoint):
-                command.launch()
-
-        return step
+    def _with_room(
+        self, bars: Bars, matter: Matter, span: Span, needs: Needs, gravity: bool, walls: bool, alpha: bool
+    ) -> Bars:
+        """Room for the other gradients that are wanted."""
+        wanted = zip(("w_e", "w_p", "theta", "m"), matter.tensors()[:4], needs, strict=True)
+        more = {name: torch.zeros_like(t) for name, t, need in wanted if need}
+        new = matter.m.new_zeros
+        if gravity:
+            more["gravity"] = new(span.grid.nodes * self._args.lanes.scenes, 3)
+        if alpha:
+            more["alpha"] = new(len(matter.m))
+        if walls:
+            more["walls"] = new(1 if self._args.still else span.steps, len(self._args.boundaries), N_WALL)
+        return dataclasses.replace(bars, **more)

@@ -6,12 +6,14 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import torch
 import warp as wp
 from torch import Tensor
 
 from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.scene import Scene
+from diffuphy.mpm.variant import Variant
 from diffuphy.types import MaterialField
 
 REAL = {torch.float32: wp.float32, torch.float64: wp.float64}
@@ -32,11 +34,18 @@ class State:
     """Trial elastic deformation gradient minus the identity, shape (N, 3, 3)."""
     H: Tensor | None
     """Total deformation gradient minus the identity, shape (N, 3, 3); None when nothing flows: it is ``He`` then."""
-    log_J: Tensor | None = None
-    """ln det of the total deformation gradient, shape (N,), summed from its increments, since det F has no digits left
-    after much shear; None unless a law has volumetric memory."""
+    memory: Tensor | None = None
+    """What laws remember, shape (N, K), columns as ``mixture.memory``: "log_J", ln det of the total deformation
+    gradient, summed from its increments, since det F has no digits left after much shear; "slip", "heat"; None unless a
+    law remembers."""
+    HN: Tensor | None = None
+    """Elastic deformation gradient of the viscous branch minus the identity, shape (N, 3, 3); None without one."""
     time: float = 0.0
     """Time since the beginning [s]."""
+
+    def tensors(self) -> tuple[Tensor | None, ...]:
+        """x, v, C, He, H, memory, HN."""
+        return self.x, self.v, self.C, self.He, self.H, self.memory, self.HN
 
     @property
     def F(self) -> Tensor:
@@ -59,6 +68,12 @@ class Matter:
     """Masses, shape (N,) [kg]."""
     vol: Tensor
     """Rest volumes, shape (N,) [m³]."""
+    tag: Tensor | None = None
+    """Which drives act on a particle, shape (N,), bit masks; None without drives."""
+
+    def tensors(self) -> tuple[Tensor, ...]:
+        """w_e, w_p, θ, m, vol."""
+        return self.w_e, self.w_p, self.theta, self.m, self.vol
 
 
 @dataclass(frozen=True)
@@ -72,52 +87,105 @@ class Span:
     """Length of a substep Δt [s]."""
     n_sub: int
     """Number of substeps."""
+    rate: float | None = None
+    """1/τ of the retention [1/s]; None for none."""
+    half_kick: bool = False
+    """Whether the first kick is half as long, and one more of that length ends the frame."""
 
     @property
     def end(self) -> float:
         """Time at the end [s]."""
         return self.start + self.n_sub * self.dt
 
+    @property
+    def steps(self) -> int:
+        """Number of rounds between particles and grid."""
+        return self.n_sub + int(self.half_kick)
+
+    @property
+    def alpha(self) -> float:
+        """Share that a round retains, α = exp(−Δt/τ) [-]."""
+        return 0.0 if self.rate is None else math.exp(-self.dt * self.rate)
+
+    def table(self) -> np.ndarray:
+        """Drift Δt [s], kick Δt [s] and α of each round, shape (steps, 4)."""
+        out = np.zeros((self.steps, 4))
+        out[:, :3] = self.dt, self.dt, self.alpha
+        if self.half_kick:
+            out[0, 1] = 0.5 * self.dt
+            out[-1, :3] = 0.0, 0.5 * self.dt, 1.0
+        return out
+
 
 class Rows:
-    """``slots`` copies of the state of a frame below each other: row s N + p is particle p after s substeps; u
-    counts from the first."""
+    """``slots`` copies of the state of a frame below each other: row s N + p is particle p after s rounds; u counts
+    from the first."""
 
-    def __init__(self, kernels: SimpleNamespace, state: State, slots: int):
+    def __init__(self, variant: Variant, state: State, slots: int):
         self.n = state.x.shape[0]
 
-        def rows_of(first: Tensor) -> Tensor:
+        def rows_of(first: Tensor | None) -> Tensor | None:
+            if first is None:
+                return None
             out = torch.empty((slots * self.n, *first.shape[1:]), dtype=first.dtype, device=first.device)
             out[: self.n] = first.detach()
             return out
 
-        self.u = rows_of(torch.zeros_like(state.x))
-        self.v, self.C, self.He = rows_of(state.v), rows_of(state.C), rows_of(state.He)
-        self.H = None if state.H is None else rows_of(state.H)
-        self.log_J = None if state.log_J is None else rows_of(state.log_J)
-        k, X = kernels, state.x.detach().contiguous()
-        types = {
-            "X": (X, k.vec3),
-            "u": (self.u, k.vec3),
-            "v": (self.v, k.vec3),
-            "C": (self.C, k.mat33),
-            "He": (self.He, k.mat33),
-            "H": (self.H, k.mat33),
-            "log_J": (self.log_J, k.real),
-        }
-        self.arrays = SimpleNamespace(**{name: view(t, d, X.device) for name, (t, d) in types.items()})
+        X = state.x.detach().contiguous()
+        first = (torch.zeros_like(X), state.v, state.C, state.He, state.H, state.memory, state.HN)
+        self._tensors = [rows_of(t) for t in first]
+        v, memory_t = variant, variant.mixture.memory_t
+        kinds = (v.vec3, v.vec3, v.mat33, v.mat33, v.mat33, memory_t, v.mat33)
+        names = ("u", "v", "C", "He", "H", "memory", "HN")
+        views = {n: view(t, d, X.device) for n, t, d in zip(names, self._tensors, kinds, strict=True)}
+        self.arrays = SimpleNamespace(X=view(X, v.vec3, X.device), **views)
 
-    def parts(self) -> list[Tensor]:
-        return [t for t in (self.u, self.v, self.C, self.He, self.H, self.log_J) if t is not None]
+    def take(self, slot: int) -> list[Tensor | None]:
+        """A copy of one slot: u, v, C, He, H, memory, HN."""
+        part = slice(slot * self.n, (slot + 1) * self.n)
+        return [None if t is None else t[part].clone() for t in self._tensors]
 
-    def take(self, slot: int) -> list[Tensor]:
-        """A copy of one slot."""
-        return [t[slot * self.n : (slot + 1) * self.n].clone() for t in self.parts()]
-
-    def put(self, parts: list[Tensor]) -> None:
+    def put(self, parts: list[Tensor | None]) -> None:
         """Make ``parts`` the first slot."""
-        for t, part in zip(self.parts(), parts, strict=True):
-            t[: self.n] = part
+        for t, part in zip(self._tensors, parts, strict=True):
+            if t is not None:
+                t[: self.n] = part
+
+
+@dataclass(frozen=True)
+class Bars:
+    """Gradients of a loss in the fields of a state, of matter and of a scene; None where there is nothing or nothing is
+    asked for. Kernels add to those of matter and scene, and carry those of a state from its end to its beginning."""
+
+    x: Tensor
+    v: Tensor
+    C: Tensor
+    He: Tensor
+    H: Tensor | None
+    memory: Tensor | None
+    HN: Tensor | None
+    w_e: Tensor | None = None
+    w_p: Tensor | None = None
+    theta: Tensor | None = None
+    m: Tensor | None = None
+    gravity: Tensor | None = None
+    """A row a node, shape (nodes, 3)."""
+    alpha: Tensor | None = None
+    """In the retention, shape (N,)."""
+    walls: Tensor | None = None
+    """In the wall data of every round, shape (steps, walls, N_WALL)."""
+
+    def state(self, v: Variant) -> list[tuple[Tensor | None, Any]]:
+        """Gradients of a state with their Warp types."""
+        return [
+            (self.x, v.vec3), (self.v, v.vec3), (self.C, v.mat33), (self.He, v.mat33), (self.H, v.mat33),
+            (self.memory, v.mixture.memory_t), (self.HN, v.mat33),
+        ]  # fmt: skip
+
+    def matter(self, v: Variant) -> list[tuple[Tensor | None, Any]]:
+        """Gradients of matter with their Warp types."""
+        mix = v.mixture
+        return [(self.w_e, mix.w_e_t), (self.w_p, mix.w_p_t), (self.theta, mix.theta_t), (self.m, v.real)]
 
 
 def view(t: Tensor | None, dtype: Any, device: torch.device | str) -> wp.array:
@@ -176,14 +244,23 @@ def make_matter(
     return Matter(*(t.contiguous() for t in parts), vol.contiguous())
 
 
-def initial_state(scene: Scene, x: Tensor, m: Tensor, mixture: Any, velocity: Tensor | None = None) -> State:
+def placed(scene: Scene, x: Tensor) -> Tensor:
+    """Particles lifted to the height at which a scene begins."""
+    if scene.lift is None:
+        return x
+    up = torch.zeros_like(x[0].detach())
+    up[2] = scene.lift - x.detach()[:, 2].min()
+    return x + up
+
+
+def initial_state(
+    scene: Scene, x: Tensor, m: Tensor, mixture: Any, velocity: Tensor | None = None, scenes: int = 1
+) -> State:
     """Particles lifted to their height and set in motion: v = V + ω × (x − x_cm), C = [ω]×, F = I."""
-    if scene.lift is not None:
-        up = torch.zeros_like(x[0].detach())
-        up[2] = scene.lift - x.detach()[:, 2].min()
-        x = x + up
+    x = placed(scene, x)
     w = x.new_tensor(scene.spin)
-    center = (m[:, None] * x).sum(0) / m.sum()
+    each = (m[:, None] * x).reshape(scenes, -1, 3).sum(1) / m.reshape(scenes, -1).sum(1)[:, None]
+    center = each.repeat_interleave(len(x) // scenes, 0)
     v = x.new_tensor(scene.velocity) + torch.linalg.cross(w.expand_as(x), x - center)
     C = x.new_zeros(len(x), 3, 3)
     C[:] = x.new_tensor([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
@@ -194,8 +271,31 @@ def initial_state(scene: Scene, x: Tensor, m: Tensor, mixture: Any, velocity: Te
         C,
         H,
         H.clone() if mixture.is_plastic else None,
-        x.new_zeros(len(x)) if mixture.volumetric_memory else None,
+        x.new_zeros(len(x), len(mixture.memory)) if mixture.memory else None,
+        H.clone() if mixture.branches else None,
     )
+
+
+def check_state(state: State, mixture: Any) -> None:
+    """Refuse a state from which laws cannot go on.
+
+    Raises:
+        ValueError: naming the field and the first bad particle.
+    """
+    F = state.He.detach() + torch.eye(3).to(state.He)
+    if bool((bad := ~(torch.linalg.det(F) > 0)).any()):
+        p = int(bad.nonzero()[0])
+        raise ValueError(
+            f"det F of particle {p} is {float(torch.linalg.det(F[p])):.4g} in the state to go on from; it must be "
+            "positive: a body cannot be inside out"
+        )
+    needs = {"memory": bool(mixture.memory), "HN": bool(mixture.branches), "H": mixture.is_plastic}
+    for name, need in needs.items():
+        if need and getattr(state, name) is None:
+            raise ValueError(
+                f"the laws {(*mixture.laws_p, *mixture.branches)} need {name} in the state to go on from, which has "
+                "none; start from one of theirs"
+            )
 
 
 def stretches(H: Tensor) -> tuple[Tensor, Tensor]:

@@ -13,35 +13,42 @@ DEFAULTS = {
 }  # fmt: skip
 """Parameters of the tests: a strain of 0.1 is well beyond yield."""
 
-OUTPUTS = ("tau", "Fe", "psi", "valid", "F_bar", "w_e_bar", "w_p_bar", "theta_bar", "log_J_bar")
+OUTPUTS = ("tau", "Fe", "psi", "wave", "valid", "F_bar", "w_e_bar", "w_p_bar", "theta_bar", "h_out", "h_in_bar")
 
 
 @cache
 def kernel(mixture: Mixture) -> Any:
     """A kernel that evaluates every function of the mixture."""
-    memory = mixture.volumetric_memory
+    memory = len(mixture.memory) > 0
+    memory_t = mixture.memory_t
     real, mat33, w_e_t, w_p_t, theta_t = mixture.real, mixture.mat33, mixture.w_e_t, mixture.w_p_t, mixture.theta_t
 
     @wp.kernel(module="unique", enable_backward=False)
     def evaluate(
         F: wp.array(dtype=mat33), w_e: wp.array(dtype=w_e_t), w_p: wp.array(dtype=w_p_t),
         theta: wp.array(dtype=theta_t), dt: real, tau_bar: wp.array(dtype=mat33), Fe_bar: wp.array(dtype=mat33),
-        log_J: wp.array(dtype=real),
-        tau: wp.array(dtype=mat33), Fe: wp.array(dtype=mat33), psi: wp.array(dtype=real), valid: wp.array(dtype=int),
+        h: wp.array(dtype=memory_t), h_bar: wp.array(dtype=memory_t),
+        tau: wp.array(dtype=mat33), Fe: wp.array(dtype=mat33), psi: wp.array(dtype=real), wave: wp.array(dtype=real),
+        valid: wp.array(dtype=int),
         F_bar: wp.array(dtype=mat33), w_e_bar: wp.array(dtype=w_e_t), w_p_bar: wp.array(dtype=w_p_t),
-        theta_bar: wp.array(dtype=theta_t), log_J_bar: wp.array(dtype=real),
+        theta_bar: wp.array(dtype=theta_t),
+        h_out: wp.array(dtype=memory_t), h_in_bar: wp.array(dtype=memory_t),
     ):  # fmt: skip
         p = wp.tid()
         if wp.static(memory):
-            tau_p, Fe_p = mixture.stress(F[p], w_e[p], w_p[p], theta[p], dt, log_J[p])
-            a, b, c, d, e = mixture.stress_adjoint(F[p], w_e[p], w_p[p], theta[p], dt, tau_bar[p], Fe_bar[p], log_J[p])
-            log_J_bar[p] = e
+            tau_p, Fe_p, h_p = mixture.stress(F[p], w_e[p], w_p[p], theta[p], dt, h[p])
+            a, b, c, d, e = mixture.stress_adjoint(
+                F[p], w_e[p], w_p[p], theta[p], dt, tau_bar[p], Fe_bar[p], h[p], h_bar[p]
+            )
+            h_out[p] = h_p
+            h_in_bar[p] = e
         else:
             tau_p, Fe_p = mixture.stress(F[p], w_e[p], w_p[p], theta[p], dt)
             a, b, c, d = mixture.stress_adjoint(F[p], w_e[p], w_p[p], theta[p], dt, tau_bar[p], Fe_bar[p])
         tau[p] = tau_p
         Fe[p] = Fe_p
         psi[p] = mixture.energy(Fe_p, w_e[p], theta[p])
+        wave[p] = mixture.wave(F[p], w_e[p], theta[p])
         valid[p] = int(mixture.valid(F[p]))
         F_bar[p] = a
         w_e_bar[p] = b
@@ -63,11 +70,12 @@ def evaluate(
     dt: float = 1e-3,
     tau_bar: np.ndarray | None = None,
     Fe_bar: np.ndarray | None = None,
-    log_J: np.ndarray | None = None,
+    memory: dict[str, np.ndarray] | None = None,
+    memory_bar: dict[str, np.ndarray] | None = None,
     real: Any = wp.float64,
 ) -> dict[str, np.ndarray]:
-    """All outputs of the mixture at states F (N, 3, 3); uniform weights, ``DEFAULTS`` and matter that never opened,
-    ln J = ln det F, unless given."""
+    """All outputs of the mixture at states F (N, 3, 3); uniform weights, ``DEFAULTS`` and new matter (ln J = ln det F,
+    no slip, no heat) unless given. Also ``log_J``, ``slip``, ``heat`` after the step and their gradients."""
     m = make_mixture(elastic, plastic, real)
     n, dtype = len(F), np.float32 if real is wp.float32 else np.float64
     if theta is None:
@@ -81,12 +89,18 @@ def evaluate(
 
     inputs = [array(F, m.mat33), array(w_e, m.w_e_t), array(w_p, m.w_p_t), array(theta, m.theta_t), dt]
     with np.errstate(invalid="ignore"):
-        log_J = np.log(np.linalg.det(F)) if log_J is None else log_J
-    inputs += [array(tau_bar, m.mat33), array(Fe_bar, m.mat33), array(log_J, real)]
-    kinds = (m.mat33, m.mat33, real, int, m.mat33, m.w_e_t, m.w_p_t, m.theta_t, real)
+        past = {"log_J": np.log(np.linalg.det(F)), "slip": np.zeros(n), "heat": np.zeros(n), **(memory or {})}
+    bars = {k: np.zeros(n) for k in past} | (memory_bar or {})
+    h, h_bar = (np.stack([x[k] for k in m.memory or ("log_J",)], 1) for x in (past, bars))
+    inputs += [array(tau_bar, m.mat33), array(Fe_bar, m.mat33), array(h, m.memory_t), array(h_bar, m.memory_t)]
+    kinds = (m.mat33, m.mat33, real, real, int, m.mat33, m.w_e_t, m.w_p_t, m.theta_t, m.memory_t, m.memory_t)
     outputs = [wp.zeros(n, dtype=k, device="cpu") for k in kinds]
     wp.launch(kernel(m), dim=n, inputs=inputs, outputs=outputs, device="cpu")
-    return {name: out.numpy() for name, out in zip(OUTPUTS, outputs, strict=True)}
+    out = {name: o.numpy() for name, o in zip(OUTPUTS, outputs, strict=True)}
+    out |= {k: np.zeros(n) for k in past} | {f"{k}_bar": np.zeros(n) for k in past}
+    for i, k in enumerate(m.memory):
+        out[k], out[f"{k}_bar"] = out["h_out"][:, i], out["h_in_bar"][:, i]
+    return out
 
 
 def rotations(n: int, rng: np.random.Generator) -> np.ndarray:

@@ -8,6 +8,7 @@ import torch
 import warp as wp
 
 from diffuphy.material import ELASTIC, PLASTIC, make_mixture, rate_gate, wave_speed
+from diffuphy.material.expert import MEMORY
 from diffuphy.material.moduli import lame
 from diffuphy.material.plastic.drucker_prager import LATCH
 from tests.material.evaluate import DEFAULTS, evaluate, generic, rotations, special, stretched
@@ -61,7 +62,7 @@ STATES = {"generic": generic(64, RNG)} | special(RNG) | on_the_edges()
 def gradient_error(
     names: tuple, F: np.ndarray, *, relative_step: np.ndarray | float = 1.0, history: str = "unloading"
 ) -> float:
-    """Largest error of ⟨F̄, dF⟩, ⟨w̄, dw⟩, ⟨θ̄, dθ⟩, t̄ dt against fourth-order differences, relative to the largest of
+    """Largest error of ⟨F̄, dF⟩, ⟨w̄, dw⟩, ⟨θ̄, dθ⟩, ⟨h̄, dh⟩ against fourth-order differences, relative to the largest of
     each."""
     m = make_mixture(*names, wp.float64)
     n, rng = len(F), np.random.default_rng(7)
@@ -71,26 +72,32 @@ def gradient_error(
         "w_p": rng.dirichlet(np.ones(max(1, m.Kp)), n),
         "theta": np.tile([DEFAULTS[p] for p in m.params], (n, 1)),
         "log_J": total(F, history),
+        "slip": rng.uniform(0, 0.2, n),
+        "heat": rng.uniform(0, 0.5, n),
     }
     d = {
         "F": rng.normal(size=F.shape) * np.reshape(relative_step, (-1, 1, 1)),
         "w_e": rng.normal(size=x["w_e"].shape) * (m.Ke > 1),
         "w_p": rng.normal(size=x["w_p"].shape) * (m.Kp > 1),
         "theta": rng.normal(size=x["theta"].shape) * x["theta"] * 0.1,
-        "log_J": rng.normal(size=n),
+        **{k: rng.normal(size=n) for k in MEMORY},
     }
     tau_bar, Fe_bar = rng.normal(size=F.shape) / DEFAULTS["E"], rng.normal(size=F.shape)
+    bars = {k: rng.normal(size=n) for k in MEMORY}
 
-    def value(**changed: np.ndarray) -> np.ndarray:
-        out = evaluate(*names, **(x | changed), tau_bar=tau_bar, Fe_bar=Fe_bar)
-        return (out["tau"] * tau_bar + out["Fe"] * Fe_bar).sum((1, 2))
+    def value(**changed: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        at = x | changed
+        past = {k: at.pop(k) for k in MEMORY}
+        out = evaluate(*names, **at, memory=past, tau_bar=tau_bar, Fe_bar=Fe_bar, memory_bar=bars)
+        remembered = sum(out[k] * bars[k] for k in MEMORY)
+        return out, (out["tau"] * tau_bar + out["Fe"] * Fe_bar).sum((1, 2)) + remembered
 
-    exact = evaluate(*names, **x, tau_bar=tau_bar, Fe_bar=Fe_bar)
+    exact, _ = value()
     worst, h = 0.0, 2e-5
     for key, at in x.items():
         step = h * d[key]
-        near = value(**{key: at + step}) - value(**{key: at - step})
-        far = value(**{key: at + 2 * step}) - value(**{key: at - 2 * step})
+        near = value(**{key: at + step})[1] - value(**{key: at - step})[1]
+        far = value(**{key: at + 2 * step})[1] - value(**{key: at - 2 * step})[1]
         numeric = (8 * near - far) / (12 * h)
         closed = (exact[f"{key}_bar"] * d[key]).reshape(n, -1).sum(1)
         worst = max(worst, float(np.abs(numeric - closed).max() / max(1.0, np.abs(closed).max())))
@@ -149,7 +156,7 @@ def test_float32_agrees_with_float64(mixture: str, state: str):
     """Value and gradient to 1e-5: 100 roundings of 6e-8. F is rounded first, so that both see the same state."""
     F = STATES[state].astype(np.float32).astype(np.float64)
     bars = {"tau_bar": RNG.normal(size=F.shape) / DEFAULTS["E"], "Fe_bar": RNG.normal(size=F.shape)}
-    bars["log_J"] = total(F, "unloading").astype(np.float32)
+    bars["memory"] = {"log_J": total(F, "unloading").astype(np.float32)}
     half, full = (evaluate(*MIXTURES[mixture], F, real=r, **bars) for r in (wp.float32, wp.float64))
     assert np.abs(half["tau"] - full["tau"]).max() < 1e-5 * (LAM + 2 * MU)
     assert np.abs(half["Fe"] - full["Fe"]).max() < 1e-5
@@ -188,15 +195,16 @@ def test_inverted_states_are_flagged_and_not_a_number(mixture: str):
 def source(elastic: tuple[str, ...], plastic: tuple[str, ...]) -> str:
     """Generated C++ source of a kernel that uses stress and adjoint of a mixture."""
     m = make_mixture(elastic, plastic, wp.float64)
-    memory = m.volumetric_memory
+    memory = len(m.memory) > 0
+    memory_t = m.memory_t
     mat33, w_e_t, w_p_t, theta_t, real = m.mat33, m.w_e_t, m.w_p_t, m.theta_t, m.real
 
     @wp.kernel(module="unique", enable_backward=False)
     def both(F: wp.array(dtype=mat33), w_e: w_e_t, w_p: w_p_t, theta: theta_t, dt: real, F_bar: wp.array(dtype=mat33)):
         p = wp.tid()
         if wp.static(memory):
-            tau, Fe = m.stress(F[p], w_e, w_p, theta, dt, dt)
-            a, _b, _c, _d, _e = m.stress_adjoint(F[p], w_e, w_p, theta, dt, tau, Fe, dt)
+            tau, Fe, h = m.stress(F[p], w_e, w_p, theta, dt, memory_t())
+            a, _b, _c, _d, _e = m.stress_adjoint(F[p], w_e, w_p, theta, dt, tau, Fe, h, h)
             F_bar[p] = a
         else:
             tau, Fe = m.stress(F[p], w_e, w_p, theta, dt)
@@ -211,7 +219,7 @@ def source(elastic: tuple[str, ...], plastic: tuple[str, ...]) -> str:
 def test_kernels_hold_only_what_was_asked_for():
     """Neo-Hookean alone: no decomposition, no return map, no weight is read; each comes when asked for."""
     alone = source(("neo_hookean",), ("identity",))
-    for absent in ("decompose", "flow", "sum_", "wp::extract(var_w", "wp::exp", "svd"):
+    for absent in ("decompose", "flow", "sum_elastic", "sum_plastic", "wp::extract(var_w", "wp::exp", "svd"):
         assert absent not in alone
     elastic = source(("hencky",), ())
     assert "decompose" in elastic and "flow" not in elastic and "wp::extract(var_w" not in elastic
@@ -227,8 +235,8 @@ def test_mixture_knows_what_it_leaves_out():
     assert not make_mixture(("neo_hookean",), ("identity",)).plastic
     assert make_mixture(("hencky",), ()).decomposes
     assert make_mixture(("neo_hookean",), ("fluid", "identity")).plastic
-    assert not make_mixture(("hencky",), ("von_mises", "fluid")).volumetric_memory
-    assert make_mixture(("hencky",), ("von_mises", "drucker_prager")).volumetric_memory
+    assert make_mixture(("hencky",), ("von_mises", "fluid")).memory == ()
+    assert make_mixture(("hencky",), ("von_mises", "drucker_prager")).memory == ("log_J",)
     assert make_mixture(("hencky",), ("von_mises",)).params == ("E", "nu", "yield_stress")
     assert make_mixture(("hencky",), ()) is make_mixture(("hencky",), ())
 

@@ -32,8 +32,10 @@ def test_return_map_agrees_with_the_reference(name: str):
 @pytest.mark.parametrize("name", PLASTIC)
 def test_return_map_of_matter_with_a_past_agrees_with_the_reference(name: str):
     log_J = RNG.uniform(-0.5, 0.5, len(F))
-    out = evaluate(("hencky",), (name,), F, dt=2e-3, log_J=log_J)
-    Fe = reference.return_map(torch.from_numpy(F), name, DEFAULTS, dt=2e-3, log_J=torch.from_numpy(log_J)).numpy()
+    out = evaluate(("hencky",), (name,), F, dt=2e-3, memory={"log_J": log_J})
+    Fe = reference.return_map(
+        torch.from_numpy(F), name, DEFAULTS, dt=2e-3, memory={"log_J": torch.from_numpy(log_J)}
+    ).numpy()
     assert np.abs(out["Fe"] - Fe).max() < TOLERANCE
 
 

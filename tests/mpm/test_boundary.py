@@ -8,18 +8,19 @@ import numpy as np
 import pytest
 import torch
 
-from diffuphy.mpm import Grid, HalfSpace, Scene, Sphere, rollout, simulate
+from diffuphy.mpm import Box, Grid, HalfSpace, Mesh, Scene, Schedule, Sphere, container, rollout, simulate
 from diffuphy.mpm.boundary import SLACK, rows
 from tests.mpm.bodies import block, field, rotation
+from tests.mpm.walls import box_mesh
 
 DX = 0.04
 G = 9.81
 T = 0.3
 
 
-def slide(angle: float, mu: float, *, tilt_plane: bool, v0: float = 0.0) -> float:
-    """Distance along the plane that a cube of 5³ cells travels in T, and the direction of gravity or the plane is
-    tilted."""
+def slide(angle: float, mu: float, *, tilt_plane: bool, v0: float = 0.0, shape: str = "HalfSpace") -> float:
+    """Distance along the plane that a cube of 5³ cells travels in T, where gravity or the plane, perhaps a side of a
+    solid, is tilted."""
     x, vol = block((5, 5, 5), DX)
     along, up = (math.cos(angle), 0.0, -math.sin(angle)), (math.sin(angle), 0.0, math.cos(angle))
     wall = HalfSpace(friction=mu, normal=up if tilt_plane else (0.0, 0.0, 1.0))
@@ -27,6 +28,12 @@ def slide(angle: float, mu: float, *, tilt_plane: bool, v0: float = 0.0) -> floa
     direction = x.new_tensor(along if tilt_plane else (1.0, 0.0, 0.0))
     if tilt_plane:
         x = x @ rotation((0.0, 1.0, 0.0), angle).T
+    solid = dict(center=tuple(-0.15 * c for c in up), rotation=(0.0, angle, 0.0), friction=mu)
+    if shape == "Box":
+        wall = Box(size=(2.0, 1.0, 0.3), **solid)
+    elif shape == "Mesh":
+        vertices, faces = box_mesh((2.0, 1.0, 0.3))
+        wall = Mesh(vertices=vertices, faces=faces, resolution=41, **solid)
     scene = Scene(
         gravity=gravity,
         dx=DX,
@@ -48,6 +55,15 @@ def test_a_block_slides_with_coulombs_deceleration(tilt_plane):
     # a Δt/2-late Euler sum adds a T Δt/2 = 0.2 %; a plane that cuts the cells leaves the block off its face by part
     # of a cell
     assert slide(angle, 0.3, tilt_plane=tilt_plane) == pytest.approx(a * T * T / 2, rel=0.03 if tilt_plane else 0.015)
+
+
+@pytest.mark.parametrize("shape", ["Box", "Mesh"])
+def test_a_side_of_a_solid_is_a_half_space_to_what_slides_on_it(shape):
+    """Away from its edges φ of a box, and of its triangles, is that of the plane: the same slide to rounding, grown
+    over 200 substeps in contact."""
+    angle = math.radians(35)
+    plane = slide(angle, 0.3, tilt_plane=True)
+    assert slide(angle, 0.3, tilt_plane=True, shape=shape) == pytest.approx(plane, rel=1e-9)
 
 
 def test_a_block_sticks_below_the_friction_angle():
@@ -149,6 +165,82 @@ def test_a_ball_pushes_particles_out_of_its_way():
     at = x.new_tensor(c) + x.new_tensor([V * 4 / 20, 0.0, 0.0])
     before, after = ((p - at).norm(dim=1).min() for p in (out.x[0], out.x[-1]))
     assert before < r - DX < after
+
+
+def drag_along(**settings) -> tuple[torch.Tensor, torch.Tensor, list]:
+    """Frames of 0.05 s of a block, the lower half of which is in a sticky box of 0.5 m/s."""
+    x, vol = block((4, 4, 6), DX)
+    box = Box(center=(0.08, 0.08, 0.04), size=(0.4, 0.4, 0.16), kind="sticky", velocity=(0.5, 0.0, 0.0), **settings)
+    scene = Scene(gravity=(0.0, 0.0, 0.0), dx=DX, fps=20.0, frames=8, boundaries=(box,), lift=None)
+    reports = []
+    f = field(len(x), E=1e5)
+    out = rollout(scene, x, vol, f, report=reports, gather=("impulse",))
+    m = f.rho * vol
+    return out.v, (m[:, None] * out.v).sum(1), reports
+
+
+def test_a_sticky_box_drags_a_block_along():
+    """The mean velocity comes to that of the box, here over the last 0.2 s = 10 L/c; the momentum of the body is the
+    impulse that the wall records."""
+    v, p, reports = drag_along()
+    assert float(v[5:, :, 0].mean()) == pytest.approx(0.5, rel=0.02)
+    torch.testing.assert_close(p[1:] - p[:-1], torch.stack([r.impulse for r in reports]), rtol=0, atol=1e-10)
+
+
+def test_a_box_with_reset_stops_what_it_has_moved():
+    """Nodes inside are at rest from end to end + reset: what lies wholly inside stands still, then is free."""
+    x, vol = block((4, 4, 4), DX)
+    box = Box(center=(0.08,) * 3, size=(0.6,) * 3, kind="sticky", velocity=(0.5, 0.0, 0.0), end=0.1, reset=0.1)
+    scene = Scene(gravity=(0.0, 0.0, -G), dx=DX, fps=20.0, frames=5, boundaries=(box,), lift=None)
+    out = rollout(scene, x, vol, field(len(x)))
+    carried = x.new_tensor([0.5, 0.0, 0.0]).expand_as(x)
+    for frame in (1, 2):
+        torch.testing.assert_close(out.v[frame], carried, rtol=0, atol=1e-12)
+    assert float(out.v[3:5].abs().max()) < 1e-12
+    torch.testing.assert_close(out.x[4], x + 0.1 * carried, rtol=0, atol=0.5 * 0.05 / 20)  # to a substep
+    assert float(out.v[5, :, 2].mean()) == pytest.approx(-G * 0.05, rel=1e-9)
+
+
+def test_a_turning_sticky_floor_turns_a_block_with_it():
+    """V = ω × (x − c): a block that turns as the floor does goes on turning, about the point of the floor."""
+    x, vol = block((4, 4, 4), DX)
+    spin = (0.0, 0.0, 2.0)
+    middle = x.mean(0)
+    floor = HalfSpace(kind="sticky", point=(float(middle[0]), float(middle[1]), 0.0), angular_velocity=spin)
+    scene = Scene(gravity=(0.0, 0.0, 0.0), dx=DX, fps=20.0, frames=5, boundaries=(floor,), lift=None, spin=spin)
+    out = rollout(scene, x, vol, field(len(x), E=1e6))
+    e = out.x[-1] - middle
+    rate = float((e[:, 0] * out.v[-1, :, 1] - e[:, 1] * out.v[-1, :, 0]).sum() / e[:, :2].square().sum())
+    # centrifugal strain ρ ω² r²/E = 1e-5, and Euler steps of a rotation, ω² Δt² a substep, 1e-3 in all
+    assert rate == pytest.approx(2.0, rel=5e-3)
+    turned = (x - middle) @ rotation((0.0, 0.0, 1.0), 2.0 * 0.25).T
+    assert float((e - turned).norm(dim=1).max()) < 0.02 * DX
+
+
+def test_a_scheduled_press_is_a_moving_press():
+    """A schedule of one straight piece is a constant velocity, to rounding."""
+    x, vol = block((3, 3, 3), DX)
+    down = dict(point=(0.0, 0.0, 3 * DX), normal=(0.0, 0.0, -1.0))
+    presses = (
+        HalfSpace(velocity=(0.1, 0.0, -0.4), **down),
+        HalfSpace(schedule=Schedule(times=(0.0, 1.0), offsets=((0.0, 0.0, 0.0), (0.1, 0.0, -0.4))), **down),
+    )
+    a, b = (
+        rollout(Scene(dx=DX, fps=20.0, frames=2, boundaries=(HalfSpace(), p), lift=None), x, vol, field(len(x), E=2e4))
+        for p in presses
+    )
+    assert float((a.x[-1] - x).abs().max()) > 0.3 * DX
+    torch.testing.assert_close(a.x, b.x, rtol=0, atol=1e-10)
+
+
+def test_a_container_keeps_what_is_thrown_about_in_it():
+    """No particle leaves a box of 8 cells by more than half a cell."""
+    x, vol = block((4, 4, 4), DX, corner=(0.1, 0.1, 0.1))
+    walls = container((0.0, 0.0, 0.0), (0.32, 0.32, 0.32), friction=0.1)
+    scene = Scene(dx=DX, fps=20.0, frames=12, boundaries=walls, lift=None, velocity=(2.0, -1.5, 2.0))
+    out = rollout(scene, x, vol, field(len(x), E=3e4))
+    assert float(out.x.min()) > -0.5 * DX and float(out.x.max()) < 0.32 + 0.5 * DX
+    assert float((out.x[-1].mean(0) - out.x[0].mean(0)).norm()) > DX
 
 
 def test_walls_as_data_follow_time_and_block():

@@ -54,8 +54,9 @@ def slope(friction_angle: Tensor, cone: Cone) -> Tensor:
 
 def build_cone(layout: Layout, cone: Cone) -> PlasticFunctions:
     """Warp functions for one layout and one cone."""
-    real, theta_t = layout.real, layout.theta_t
+    real, theta_t, memory_t = layout.real, layout.theta_t, layout.memory_t
     at, at_c, at_nu = layout.at("friction_angle"), layout.at("cohesion"), layout.at("nu")
+    at_t = layout.remembers("log_J")
     m = moduli.build(layout)
     degree = real(math.pi / 180.0)
     root = real(2.0 * math.sqrt(2.0 / 3.0))
@@ -75,7 +76,8 @@ def build_cone(layout: Layout, cone: Cone) -> PlasticFunctions:
             return root * s * r, degree * wp.cos(degree * theta[at]) * root * real(3.0) * r * r
 
     @wp.func(module="unique")
-    def flow(n: real, tr: real, theta: theta_t, dt: real, t: real):
+    def flow(n: real, tr: real, theta: theta_t, dt: real, h: memory_t):
+        t = h[at_t]
         pressed = wp.max(tr, chi * wp.min(t, real(0.0)))
         x = pressed - real(3.0) * theta[at_c]  # tr'
         a = real(0.0)
@@ -91,12 +93,13 @@ def build_cone(layout: Layout, cone: Cone) -> PlasticFunctions:
         return a, b
 
     @wp.func(module="unique")
-    def flow_adjoint(n: real, tr: real, theta: theta_t, dt: real, a_bar: real, b_bar: real, t: real):
+    def flow_adjoint(n: real, tr: real, theta: theta_t, dt: real, a_bar: real, b_bar: real, h: memory_t):
+        t = h[at_t]
         pressed = wp.max(tr, chi * wp.min(t, real(0.0)))
         x = pressed - real(3.0) * theta[at_c]
         n_bar = real(0.0)
         tr_bar = -b_bar / real(3.0)
-        t_bar = real(0.0)
+        h_bar = memory_t()
         theta_bar = theta_t()
         if x >= real(0.0):
             theta_bar[at_c] = b_bar
@@ -116,8 +119,8 @@ def build_cone(layout: Layout, cone: Cone) -> PlasticFunctions:
             if pressed == tr:
                 tr_bar += x_bar
             elif t < real(0.0):
-                t_bar = chi * x_bar
-        return n_bar, tr_bar, theta_bar, t_bar
+                h_bar[at_t] = chi * x_bar
+        return n_bar, tr_bar, theta_bar, h_bar
 
     return PlasticFunctions(flow, flow_adjoint)
 
@@ -138,8 +141,8 @@ def drucker_prager(name: str, cone: Cone) -> Plastic:
         name=name,
         params=(moduli.E, moduli.NU, FRICTION_ANGLE, COHESION),
         build=lambda layout: build_cone(layout, cone),
-        flow=lambda n, tr, params, dt, t: flow_cone(n, tr, params, t, cone),
-        volumetric_memory=True,
+        flow=lambda n, tr, params, dt, h: flow_cone(n, tr, params, h["log_J"], cone),
+        memory=("log_J",),
     )
 
 

@@ -1,0 +1,16 @@
+"""Walls that act on the grid: half-spaces, balls, boxes, cylinders and meshes; sticky, slipping or separating, with
+Coulomb friction; still, moving, turning, or on a schedule.
+
+``docs/boundaries.md`` says what they do and where they lie relative to the nodes.
+"""
+
+from diffuphy.mpm.boundary.kernels import make_contact
+from diffuphy.mpm.boundary.layout import N_WALL, SLACK, Boundary, Signature, rows, signature
+from diffuphy.mpm.boundary.mesh import Mesh, sdf_samples
+from diffuphy.mpm.boundary.motion import Schedule, Vec, vector
+from diffuphy.mpm.boundary.shapes import Box, Cylinder, HalfSpace, Kind, Solid, Sphere, container
+
+__all__ = [
+    "N_WALL", "SLACK", "Boundary", "Box", "Cylinder", "HalfSpace", "Kind", "Mesh", "Schedule", "Signature", "Solid",
+    "Sphere", "Vec", "container", "make_contact", "rows", "sdf_samples", "signature", "vector",
+]  # fmt: skip

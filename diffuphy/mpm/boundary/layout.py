@@ -1,0 +1,75 @@
+"""Walls as data: one row of numbers for each wall and substep, which the kernels read and give gradients for.
+
+0–2    n of a half-space, else the centre c, lengths from the lowest node of the grid [m]
+3      offset n·c of a half-space, radius of a ball, 0 of the others; less (reach − SLACK) Δx [m]
+4–6    V, 7 μ, 8 one while it acts, 9–11 ω, 12–14 c
+15–23  axes of box, cylinder and mesh as columns of R, row by row
+24–26  half edges of a box; radius and half height of a cylinder; first sample of a mesh in its frame [m]
+27–31  of a mesh: 1/h [1/m], index of its first sample, samples along each axis
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from diffuphy.mpm.boundary.mesh import Mesh
+from diffuphy.mpm.boundary.shapes import Box, Cylinder, HalfSpace, Sphere
+from diffuphy.mpm.grid import Grid
+
+Boundary = HalfSpace | Sphere | Box | Cylinder | Mesh
+Signature = tuple[tuple[str, str, bool, bool], ...]
+"""Shape, kind, friction or none, turning or not, of each wall."""
+
+SLACK = 1e-3
+"""A node this close in front of a wall still belongs to it [Δx]: a wall on a plane of nodes, as a floor at z = 0 is,
+would otherwise take or lose that plane, and with it a whole Δx of height, by the rounding of a coordinate."""
+
+OFFSET, FRICTION, ACTS = 3, 7, 8
+VELOCITY, ANGULAR_VELOCITY, PIVOT = slice(4, 7), slice(9, 12), slice(12, 15)
+FRAME, SIZE, SAMPLES = slice(15, 24), slice(24, 27), slice(27, 32)
+N_WALL = 32
+"""Numbers that describe a wall to a kernel."""
+
+
+def signature(boundaries: Sequence[Boundary]) -> Signature:
+    """What is compiled into the kernels: shape, kind, whether there is friction and whether it turns; everything else
+    is data."""
+    return tuple((type(b).__name__, b.kind, b.friction > 0.0, b.turns) for b in boundaries)
+
+
+def rows(boundaries: Sequence[Boundary], grid: Grid, times: np.ndarray) -> np.ndarray:
+    """The walls as data, shape (steps, walls, N_WALL), lengths from the lowest node of ``grid`` [m].
+
+    Args:
+        times: start of each step [s], float64; one row suffices when every wall is still.
+    """
+    out = np.zeros((len(times), len(boundaries), N_WALL))
+    low = np.asarray(grid.low)
+    first = 0
+    for k, b in enumerate(boundaries):
+        now, row = b.pose(times), out[:, k]
+        place = now.place - low
+        if isinstance(b, HalfSpace):
+            n = np.asarray(b.normal)
+            if b.turns:
+                row[:, :3] = now.rotation @ n
+                row[:, OFFSET] = np.einsum("ti,ti->t", place, row[:, :3]) - (b.reach - SLACK) * grid.dx
+            else:
+                row[:, :3] = n
+                row[:, OFFSET] = place @ n - (b.reach - SLACK) * grid.dx
+        else:
+            row[:, :3] = place
+            row[:, OFFSET] = (b.radius if isinstance(b, Sphere) else 0.0) - (b.reach - SLACK) * grid.dx
+            row[:, FRAME] = (now.rotation @ b.frame).reshape(-1, 9)
+        if isinstance(b, Box):
+            row[:, SIZE] = 0.5 * np.asarray(b.size)
+        elif isinstance(b, Cylinder):
+            row[:, SIZE] = b.radius, 0.5 * b.height, 0.0
+        elif isinstance(b, Mesh):
+            row[:, SIZE], row[:, SAMPLES] = b.corner, (1.0 / b.spacing, first, *b.shape)
+            first += math.prod(b.shape)
+        row[:, VELOCITY], row[:, FRICTION] = now.velocity, b.friction
+        row[:, ANGULAR_VELOCITY], row[:, PIVOT] = now.angular_velocity, place
+        row[:, ACTS] = (times >= b.start) & (times < b.end + b.reset)
+    return out

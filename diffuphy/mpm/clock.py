@@ -1,0 +1,102 @@
+"""How long a substep is, and which block of nodes a frame needs.
+
+    n_sub = ⌈T / min( cfl Δx / (c + V),  0.8 Δx / (c' + V) )⌉,      T = 1/fps
+
+c is the fastest wave of the mixture at rest, c' that in the present stretch, V bounds the speed of a particle in the
+frame. The number depends on the material, so it is found again for every frame; it is not differentiated. A frame at
+whose end waves turn out to be too fast for its substep is run again with half of it.
+"""
+
+import dataclasses
+import math
+
+import torch
+
+from diffuphy.material import wave_speed
+from diffuphy.mpm.diagnostics import waves
+from diffuphy.mpm.grid import Grid
+from diffuphy.mpm.scene import Scene
+from diffuphy.mpm.solver import Solver
+from diffuphy.mpm.state import Matter, Span, State
+from diffuphy.types import MaterialField, SimulationDiverged
+
+STABLE = 0.8
+"""Largest Δt (c + |v|) / Δx of an explicit step that is stable for all laws of the library [-]."""
+
+MAX_SUBSTEPS = 10**6
+"""Substeps of one frame beyond which a scene is refused: it is stiffer than an explicit step can film."""
+
+
+class Clock:
+    """Time steps of one rollout.
+
+    Args:
+        dt: a substep that the user insists on [s]; refused when it is unstable.
+    """
+
+    def __init__(self, scene: Scene, solver: Solver, field: MaterialField, matter: Matter, dt: float | None):
+        self.scene, self.solver, self.matter, self.dt = scene, solver, matter, dt
+        theta = dict(zip(solver.mixture.params, matter.theta.T, strict=True))
+        rest = wave_speed(tuple(field.elastic), matter.w_e, theta, matter.m / matter.vol, tuple(field.branches))
+        self.rest = rest.detach()
+        retain = scene.scheme.retain
+        self.rate = rest.max() / (retain * scene.dx) if retain > 0.0 else None
+        """1/τ of the retention [1/s]; a function of the material."""
+
+    @property
+    def wave(self) -> float:
+        """Fastest wave at rest [m/s]."""
+        return float(self.rest.max())
+
+    def stiff(self, state: State) -> float:
+        """Fastest wave in the present stretch [m/s]."""
+        return float(waves(self.solver.mixture, state, self.matter).max())
+
+    def speed(self, state: State) -> float:
+        """A bound on the speed of a particle in the next frame [m/s]."""
+        walls = max((b.speed for b in self.scene.boundaries), default=0.0)
+        return float(state.v.detach().norm(dim=1).max()) + math.hypot(*self.scene.gravity) / self.scene.fps + walls
+
+    def span(self, state: State) -> Span:
+        """Time step and block of the next frame.
+
+        Raises:
+            ValueError: the pinned step is unstable, or the scene needs too many.
+        """
+        T, dx = 1.0 / self.scene.fps, self.scene.dx
+        stiff, speed = self.stiff(state), self.speed(state)
+        limit = STABLE * dx / (stiff + speed) if stiff + speed > 0 else T
+        if self.dt is not None and T / math.ceil(T / self.dt) > limit:
+            raise ValueError(
+                f"dt = {self.dt:.3g} s is unstable: waves of {stiff:.3g} m/s and particles of up to {speed:.3g} m/s "
+                f"cross more than {STABLE} cells of {dx:.3g} m in it; use at most {limit:.3g} s, or leave dt out"
+            )
+        step = min(self.scene.cfl * dx / (self.wave + speed), limit) if self.dt is None else self.dt
+        if not step > 0 or T / step > MAX_SUBSTEPS:
+            raise (ValueError if state.time == 0.0 else SimulationDiverged)(
+                f"the frame at t = {state.time:.4g} s would take {T / step if step > 0 else math.inf:.3g} substeps: "
+                f"waves run at {stiff:.3g} m/s through cells of {dx:.3g} m; "
+                "use a softer or denser material, a larger dx, or a higher fps"
+            )
+        scheme = self.scene.scheme
+        n_sub = math.ceil(T / step)
+        rate = None if self.rate is None else float(self.rate.detach())
+        return Span(self._block(state, speed), state.time, T / n_sub, n_sub, rate, scheme.half_kick)
+
+    def halved(self, span: Span) -> Span:
+        """The same frame in twice as many substeps."""
+        return dataclasses.replace(span, dt=0.5 * span.dt, n_sub=2 * span.n_sub)
+
+    def outrun(self, span: Span, end: State) -> bool:
+        """Whether waves at the end of a frame are too fast for the step it was made with."""
+        return self.dt is None and span.dt * self.stiff(end) > span.grid.dx
+
+    def _block(self, state: State, speed: float) -> Grid:
+        """Where the particles may get to in a frame: falling freely, and a quarter of the fastest way aside."""
+        T, dx = 1.0 / self.scene.fps, self.scene.dx
+        x, v = state.x.detach(), state.v.detach()
+        g = torch.tensor(self.scene.gravity, dtype=torch.float64)
+        slack = dx + 0.25 * speed * T
+        down = (x.amin(0).cpu() + (v.amin(0).cpu().clamp_max(0) * T + g.clamp_max(0) * T * T / 2)).double() - slack
+        up = (x.amax(0).cpu() + (v.amax(0).cpu().clamp_min(0) * T + g.clamp_min(0) * T * T / 2)).double() + slack
+        return Grid.around(down.tolist(), up.tolist(), dx, self.scene.scheme.order, self.solver.shift)

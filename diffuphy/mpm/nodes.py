@@ -1,0 +1,150 @@
+"""MPM on the grid: reflect, divide by mass, sharpen, walls.
+
+    reflect    q_i ← Σ_R σ_R q_R(i),  likewise f; m_i ← Σ_R m_R(i)                      R: mirror planes, and none
+    divide     v⁰_i = q_i/m_i,  a_i = f_i/m_i + k σ g
+    sharpen    a*_i = a_i + (S a)_i / m_i                                               see ``sharpen``
+    walls      v_i = contact(v⁰_i + a*_i)
+
+A mirror plane at nodes k⁰ sends node k⁰ + d to k⁰ − d; σ turns the normal component around, on a sticky wall every
+component. Where no node reads another all of it is one pass.
+"""
+
+from functools import lru_cache
+from types import SimpleNamespace
+
+import warp as wp
+
+from diffuphy.mpm.boundary import make_contact
+from diffuphy.mpm.mirror import make_reflection
+from diffuphy.mpm.places import make_places
+from diffuphy.mpm.sharpen import make_sharpening
+from diffuphy.mpm.variant import Variant
+
+
+def make_nodes(variant: Variant) -> SimpleNamespace:
+    """The kernels ``divide``, of two passes the first, and ``move``. Cached."""
+    return variant.made(_make_nodes)
+
+
+def _make_nodes(v: Variant) -> SimpleNamespace:
+    return SimpleNamespace(divide=_make_divide(v), move=_make_move(v))
+
+
+def _make_divide(v: Variant) -> wp.Kernel:
+    real, vec3, node_t, step_t, mirror = v.real, v.vec3, v.node_t, v.step_t, v.mirror
+    reflection, index = make_reflection(v), make_places().index
+    summed, folded, seen = reflection.summed, reflection.folded, reflection.seen
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def divide(
+        grid: wp.array[node_t],  # (scenes · lanes · nodes,) momentum, mass, impulse
+        lanes: wp.int32,
+        n: wp.vec3i,
+        gravity: vec3,  # [m/s²]
+        steps: wp.array[step_t],
+        s: wp.int32,
+        low: wp.vec3i,  # mirror planes, far away where there are none
+        high: wp.vec3i,
+        sticky: wp.vec3i,
+        start: wp.int32,
+        acc: wp.array[node_t],  # (scenes · nodes,) velocity [m/s], mass [kg], velocity change [m/s]   out
+    ):
+        o = start + wp.tid()
+        nodes = n[0] * n[1] * n[2]
+        scene = o // nodes
+        at = index(o - scene * nodes, n)
+        g = steps[s][1] * gravity
+        if wp.static(mirror):
+            r = folded(grid, at, n, scene, lanes, low, high, sticky)
+            g = seen(g, at, low, high, sticky)
+        else:
+            r = summed(grid, o - scene * nodes, scene, lanes, nodes)
+        m = r[3]
+        if m > real(0.0):
+            acc[o] = node_t(
+                r[0] / m, r[1] / m, r[2] / m, m, r[4] / m + g[0], r[5] / m + g[1], r[6] / m + g[2], real(0.0)
+            )
+        else:
+            acc[o] = node_t()
+
+    return divide
+
+
+@lru_cache
+def make_free(v: Variant) -> wp.Function:
+    """Warp function: velocity of a node before the walls, after the first pass."""
+    vec3, node_t, sharpen = v.vec3, v.node_t, v.scheme.sharpen
+    sharpened = make_sharpening(v).sharpened if sharpen else None
+
+    @wp.func(module="unique")
+    def free(
+        acc: wp.array[node_t], sigma: wp.array[node_t], o: wp.int32, base: wp.int32, at: wp.vec3i, n: wp.vec3i
+    ) -> vec3:  # fmt: skip
+        a = acc[o]
+        u = vec3(a[0] + a[4], a[1] + a[5], a[2] + a[6])
+        if wp.static(sharpen):
+            u += sharpened(acc, acc, sigma, base, at, n) / a[3]
+        return u
+
+    return free
+
+
+def _make_move(v: Variant) -> wp.Kernel:
+    real, vec3, node_t, step_t = v.real, v.vec3, v.node_t, v.step_t
+    contact, index, summed = make_contact(v.walls, real), make_places().index, make_reflection(v).summed
+    apply, wall_t, has_walls = contact.apply, contact.wall_t, len(v.walls) > 0
+    two_passes, measures, mirror, free = v.two_passes, v.measures, v.mirror, make_free(v)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def move(
+        grid: wp.array[node_t],  # momentum, mass, impulse   in, and cleared for the next step
+        lanes: wp.int32,
+        acc: wp.array[node_t],  # of ``divide``; in one pass unused
+        sigma: wp.array[node_t],  # of ``cells``, with sharpening
+        row: wp.array2d[wall_t],  # (steps, walls)
+        sdf: wp.array[real],
+        ws: wp.int32,  # row of this step
+        n: wp.vec3i,
+        dx: real,
+        gravity: vec3,
+        steps: wp.array[step_t],
+        s: wp.int32,
+        start: wp.int32,
+        grid_v: wp.array[node_t],  # (scenes · nodes,) velocity after the step and before it   out
+        impulse: wp.array[vec3],  # (scenes · nodes,) [N s] of the walls   in and out, only if measured
+    ):
+        o = start + wp.tid()
+        nodes = n[0] * n[1] * n[2]
+        scene = o // nodes
+        base = scene * nodes
+        r, m = node_t(), real(0.0)
+        if wp.static((measures and mirror) or not two_passes):
+            r = summed(grid, o - base, scene, lanes, nodes)
+            m = r[3]
+        if wp.static(two_passes):
+            m = acc[o][3]
+        if m > real(0.0):
+            at = index(o - base, n)
+            g = steps[s][1] * gravity
+            u, v0 = vec3(), vec3()
+            if wp.static(two_passes):
+                a = acc[o]
+                v0 = vec3(a[0], a[1], a[2])
+                u = free(acc, sigma, o, base, at, n)
+            else:
+                v0 = vec3(r[0], r[1], r[2]) / m
+                u = v0 + vec3(r[4], r[5], r[6]) / m + g
+            before = u
+            if wp.static(has_walls):
+                u = apply(u, dx * vec3(real(at[0]), real(at[1]), real(at[2])), row, sdf, ws)
+            grid_v[o] = node_t(u[0], u[1], u[2], real(0.0), v0[0], v0[1], v0[2], real(0.0))
+            if wp.static(measures and mirror):  # all that changes the momentum but stress and gravity
+                alpha = steps[s][2]
+                q, force = vec3(r[0], r[1], r[2]), vec3(r[4], r[5], r[6])
+                impulse[o] = impulse[o] + (r[3] * (u - alpha * v0 - g) - (real(1.0) - alpha) * q - force)
+            elif wp.static(measures):
+                impulse[o] = impulse[o] + m * (u - before)
+            for lane in range(lanes):
+                grid[(scene * lanes + lane) * nodes + o - base] = node_t()
+
+    return move
