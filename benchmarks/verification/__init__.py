@@ -7,10 +7,10 @@ python -m benchmarks verification --tier 0              # those of the daily tes
 
 # The order of the imports is the order of the cases in the table.
 from benchmarks.verification import free, laws, invariance, manufactured, waves, impact, gradients, adjoints  # isort: skip
-from benchmarks.verification.case import CASES, Case, Check, Setting, Unavailable, settings
+from benchmarks.verification.case import CASES, SETTINGS, Case, Check, Setting
 from benchmarks.verification.report import main
 
 __all__ = [
-    "CASES", "Case", "Check", "Setting", "Unavailable", "adjoints", "free", "gradients", "impact", "invariance", "laws",
-    "main", "manufactured", "settings", "waves",
+    "CASES", "SETTINGS", "Case", "Check", "Setting", "adjoints", "free", "gradients", "impact", "invariance", "laws",
+    "main", "manufactured", "waves",
 ]  # fmt: skip

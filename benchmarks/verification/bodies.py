@@ -154,10 +154,10 @@ def energy(s: Setting, body: Body, state: State, dt: float, dx: float) -> float:
     averaged with those one substep later.
     """
     v, C = state.v, state.C
-    if not s.half_kick:
+    if not s.scheme.half_kick:
         *_, later = run(s, body, dt, 1, 1, scene={"dx": dx}, state=state)
         v, C = 0.5 * (v + later.v), 0.5 * (C + later.C)
-    return kinetic(body, v, C, s.inertia * dx * dx) + float((body.vol * stored(body, state.F)).sum())
+    return kinetic(body, v, C, s.scheme.inertia * dx * dx) + float((body.vol * stored(body, state.F)).sum())
 
 
 def crossings(q: list[float]) -> list[float]:

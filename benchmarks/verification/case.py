@@ -1,13 +1,13 @@
 """Cases, what they check, and the settings of the solver that they are run under."""
 
+import dataclasses
 import inspect
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import diffuphy.mpm as mpm
-from diffuphy.mpm import Scene, simulate
+from diffuphy.mpm import Scene, Scheme
 
 
 @dataclass(frozen=True)
@@ -62,97 +62,34 @@ def near(what: str, measured: float, reference: float, tolerance: float, unit: s
     return Check(what, float(measured), reference - tolerance, reference + tolerance, reference, unit)
 
 
-class Unavailable(Exception):
-    """The solver has no such setting; the case cannot be run, which is neither a pass nor a failure."""
-
-
 @dataclass(frozen=True)
 class Setting:
     """One way to run the solver: the transfer between particles and grid, and what theory promises for it."""
 
     name: str
     """``default``, ``mls`` or ``apic``."""
-    scheme: Any = None
-    """``diffuphy.mpm.Scheme``; None for a solver that knows plain MLS-MPM alone."""
+    scheme: Scheme
 
     @property
     def improved(self) -> bool:
         """Half kick, mirror walls, sharpening and retention: bands are one-sided and narrower."""
-        return self.name == "default" and self.scheme is not None
-
-    @property
-    def half_kick(self) -> bool:
-        """Velocities at frames belong to the same time as positions; with symplectic Euler they lag Δt/2."""
-        return bool(getattr(self.scheme, "half_kick", False))
-
-    @property
-    def order(self) -> int:
-        """Degree of the B-spline."""
-        return getattr(self.scheme, "order", 2)
-
-    @property
-    def inertia(self) -> float:
-        """D of the affine transfer [Δx²]: 1/4 for quadratic, 1/3 for cubic splines (Jiang et al. 2015, §5.2)."""
-        return 0.25 if self.order == 2 else 1.0 / 3.0
-
-    @property
-    def dissipates(self) -> bool:
-        """Loses what the grid cannot see at every step, so that small steps lose more (plain APIC)."""
-        return not self.improved
+        return self.name == "default"
 
     def scene(self, **fields: Any) -> Scene:
         """A scene in free space without gravity, particles where they are, unless told otherwise."""
-        free: dict[str, Any] = {"gravity": (0.0, 0.0, 0.0), "boundaries": (), "lift": None}
-        chosen = {} if self.scheme is None else {"scheme": self.scheme}
-        return Scene(**(free | chosen | fields))
+        return Scene(**{"gravity": (0.0, 0.0, 0.0), "boundaries": (), "lift": None, "scheme": self.scheme} | fields)
 
     def cubic(self) -> "Setting":
-        """The same with cubic splines.
-
-        Raises:
-            Unavailable: the solver has none.
-        """
-        import dataclasses
-
-        if self.scheme is None:
-            raise Unavailable("the solver has quadratic splines only")
+        """The same with cubic splines."""
         return dataclasses.replace(self, scheme=dataclasses.replace(self.scheme, order=3))
 
 
-def settings() -> dict[str, Setting]:
-    """Every setting of this solver by name; the default first."""
-    Scheme = getattr(mpm, "Scheme", None)
-    if Scheme is None:
-        return {"default": Setting("default")}
-    return {
-        "default": Setting("default", Scheme()),
-        "mls": Setting("mls", Scheme.mls()),
-        "apic": Setting("apic", Scheme.apic()),
-    }
-
-
-def baseline(name: str) -> Setting:
-    """Plain ``mls`` or ``apic``, to compare with.
-
-    Raises:
-        Unavailable: the solver has one transfer only.
-    """
-    known = settings()
-    if name in known:
-        return known[name]
-    if name == "mls" and known["default"].scheme is None:
-        return known["default"]
-    raise Unavailable(f"the solver has no {name} transfer")
-
-
-def needs(option: str) -> None:
-    """Refuse a case whose option ``simulate`` does not have.
-
-    Raises:
-        Unavailable: it has none.
-    """
-    if option not in inspect.signature(simulate).parameters:
-        raise Unavailable(f"simulate has no option {option!r}")
+SETTINGS = {
+    "default": Setting("default", Scheme()),
+    "mls": Setting("mls", Scheme.mls()),
+    "apic": Setting("apic", Scheme.apic()),
+}
+"""What cases are run under: the default transfer and the two plain ones it is compared with."""
 
 
 @dataclass(frozen=True)

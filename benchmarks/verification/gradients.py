@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from benchmarks.verification.bodies import Body, at_rest, block, rotation
-from benchmarks.verification.case import Check, Setting, at_most, baseline, case, near
+from benchmarks.verification.case import SETTINGS, Check, Setting, at_most, case, near
 from benchmarks.verification.laws import LAWS, isolated
 from diffuphy.material import ELASTIC, PLASTIC
 from diffuphy.mpm import State, simulate
@@ -146,7 +146,7 @@ def repeated(s: Setting) -> list[Check]:
     Seen through particles alone, see A7. An adjoint that divides by the differences of stretches is 5 to 50 % off here.
     Fourth-order differences with h = 3e-4: truncation 1e-13, rounding 1e-12.
     """
-    n, plain = 64, baseline("mls")
+    n, plain = 64, SETTINGS["mls"]
     g = torch.Generator().manual_seed(11)
     eye = torch.eye(3, dtype=torch.float64)
     W = torch.randn(n, 3, 3, dtype=torch.float64, generator=g)

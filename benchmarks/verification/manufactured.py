@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from benchmarks.verification.bodies import Body, at_rest, block, order, run
-from benchmarks.verification.case import Check, Setting, at_least, at_most, case, needs, within
+from benchmarks.verification.case import Check, Setting, at_least, at_most, case, within
 from diffuphy.mpm import HalfSpace
 
 WAVE = 11.602
@@ -98,7 +98,6 @@ def compact(s: Setting) -> list[Check]:
     No walls and no traction: the error is that of the transfers alone. An independent code has 2e-3 … 4e-3 at 16 cells
     and order 3 from 8 to 16 (before quadrature errors rule); twice that is accepted.
     """
-    needs("body")
     coarse, fine = compact_errors(s, 8), compact_errors(s, 16)
     return [
         at_most("rms error of u/A, 16 cells", fine[0], 8e-3),
@@ -110,7 +109,6 @@ def compact(s: Setting) -> list[Check]:
 @case("B1b", "Manufactured solution, finer and slower", tier=1)
 def compact_fine(s: Setting) -> list[Check]:
     """The same with 32 cells, and with small time steps, at which plain APIC loses more."""
-    needs("body")
     errors = {n: compact_errors(s, n) for n in (8, 16, 32)}
     slow = compact_errors(s, 8, 0.05)[0] / errors[8][0]
     checks = [
@@ -172,7 +170,6 @@ def walled(s: Setting) -> list[Check]:
 
     Zeroed wall nodes soften the first cell: order 0.6 … 0.9 (independent code), and 1.1 is not expected of them.
     """
-    needs("body")
     e = [walled_error(s, n) for n in (8, 16, 32)]
     limits = (0.2, 0.13, 0.08)
     checks = [

@@ -13,7 +13,7 @@ import torch
 import warp as wp
 
 import diffuphy
-from benchmarks.verification.case import CASES, Check, Setting, Unavailable, interval, settings
+from benchmarks.verification.case import CASES, SETTINGS, Check, Setting, interval
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
@@ -32,8 +32,6 @@ class Result:
     id: str
     scheme: str
     checks: list[Check]
-    unavailable: str = ""
-    """Why it could not be run; it then has no checks."""
     seconds: float = 0.0
     """Wall time with compilation [s]."""
 
@@ -49,11 +47,8 @@ def run(id: str, setting: Setting) -> Result:
         KeyError: there is no such case.
     """
     start = time.perf_counter()
-    try:
-        checks = CASES[id].measure(setting)
-    except Unavailable as why:
-        return Result(id, setting.name, [], str(why))
-    return Result(id, setting.name, checks, "", time.perf_counter() - start)
+    checks = CASES[id].measure(setting)
+    return Result(id, setting.name, checks, time.perf_counter() - start)
 
 
 def chosen(ids: list[str], tier: int | None, schemes: list[str]) -> list[tuple[str, Setting]]:
@@ -62,14 +57,13 @@ def chosen(ids: list[str], tier: int | None, schemes: list[str]) -> list[tuple[s
     Raises:
         ValueError: a case or a scheme that does not exist.
     """
-    known = settings()
     if unknown := [i for i in ids if i not in CASES]:
         raise ValueError(f"there is no case {unknown[0]!r}; known: {', '.join(CASES)}")
-    names = list(known) if "all" in schemes else schemes
-    if unknown := [n for n in names if n not in known]:
-        raise ValueError(f"this solver has no scheme {unknown[0]!r}; known: {', '.join(known)}, all")
+    names = list(SETTINGS) if "all" in schemes else schemes
+    if unknown := [n for n in names if n not in SETTINGS]:
+        raise ValueError(f"this solver has no scheme {unknown[0]!r}; known: {', '.join(SETTINGS)}, all")
     cases = [c for c in CASES.values() if (not ids or c.id in ids) and (tier is None or c.tier == tier)]
-    return [(c.id, known[n]) for c in cases for n in names if n in c.schemes]
+    return [(c.id, SETTINGS[n]) for c in cases for n in names if n in c.schemes]
 
 
 def machine() -> str:
@@ -87,16 +81,13 @@ def number(x: float | None) -> str:
 def page(results: list[Result], where: str) -> str:
     """The table of all checks, and the equation of every case."""
     failed = [r for r in results if not r.ok]
-    run_ = [r for r in results if not r.unavailable]
-    total = sum(len(r.checks) for r in run_)
-    text = HEAD + f"\nMeasured on {where}. {len(run_)} cases, {total} checks, {len(failed)} cases outside.\n"
+    total = sum(len(r.checks) for r in results)
+    text = HEAD + f"\nMeasured on {where}. {len(results)} cases, {total} checks, {len(failed)} cases outside.\n"
     text += "\nWhy each interval is what it is: in the docstring of its case in `benchmarks/verification`.\n"
     for scheme in dict.fromkeys(r.scheme for r in results):
         text += f"\n## Transfer: {scheme}\n\n| case | what | reference | measured | accepted | |\n"
         text += "|---|---|---|---|---|---|\n"
         for r in (r for r in results if r.scheme == scheme):
-            if r.unavailable:
-                text += f"| {r.id} | *not run: {r.unavailable}* | | | | |\n"
             for c in r.checks:
                 cells = (r.id, escaped(c.what) + (f" [{c.unit}]" if c.unit else ""), number(c.reference))
                 cells += (number(c.measured), interval(c.lo, c.hi), "ok" if c.ok else "**outside**")
@@ -147,8 +138,7 @@ def main() -> int:
     for id, setting in todo:
         result = run(id, setting)
         results.append(result)
-        state = f"not run: {result.unavailable}" if result.unavailable else "ok" if result.ok else "OUTSIDE"
-        print(f"{id:<4} {setting.name:<8} {result.seconds:6.1f} s  {state}", flush=True)
+        print(f"{id:<4} {setting.name:<8} {result.seconds:6.1f} s  {'ok' if result.ok else 'OUTSIDE'}", flush=True)
         for check in (c for c in result.checks if not c.ok):
             print(f"     {check}", file=sys.stderr, flush=True)
     write(results, options.out)

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from benchmarks.verification.bodies import Body, at_rest, block, crossings, order, peaks, run
-from benchmarks.verification.case import Check, Setting, at_least, at_most, baseline, case, within
+from benchmarks.verification.case import SETTINGS, Check, Setting, at_least, at_most, case, within
 from diffuphy.mpm import HalfSpace, State
 
 L = 1.0
@@ -101,7 +101,7 @@ def free_bar(s: Setting) -> list[Check]:
     checks = []
     if s.improved:
         for n in (8, 16):
-            gain = displacement_error(baseline("apic"), n, 0.4) / displacement_error(s, n, 0.4)
+            gain = displacement_error(SETTINGS["apic"], n, 0.4) / displacement_error(s, n, 0.4)
             checks.append(at_least(f"error of plain APIC over this one, {n} cells", gain, 5.0))
         losses = [ringing(s, 16, cfl)[1] for cfl in (0.75, 0.4, 0.1, 0.05)]
         checks.append(
@@ -166,7 +166,7 @@ def sudden_gravity(s: Setting) -> list[Check]:
     """
     found = {n: column(s, n) for n in (8, 16, 32)}
     if s.improved:
-        gain = column(baseline("apic"), 16)[2] / found[16][2]
+        gain = column(SETTINGS["apic"], 16)[2] / found[16][2]
         return [
             at_least("order of u, 8 to 16 cells", order(found[8][2], found[16][2]), 1.8, 2.0),
             at_least("order of u, 16 to 32 cells", order(found[16][2], found[32][2]), 1.8, 2.0),
