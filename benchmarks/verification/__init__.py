@@ -5,8 +5,7 @@ python -m benchmarks verification B2 B3 --scheme all    # two of them under ever
 python -m benchmarks verification --tier 0              # those of the daily tests
 """
 
-# The order of the imports is the order of the cases in the table.
-from benchmarks.verification import free, laws, invariance, manufactured, waves, impact, gradients, adjoints  # isort: skip
+from benchmarks.verification import adjoints, free, gradients, impact, invariance, laws, manufactured, waves
 from benchmarks.verification.case import CASES, SETTINGS, Case, Check, Setting
 from benchmarks.verification.report import main
 

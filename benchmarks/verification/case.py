@@ -105,13 +105,20 @@ class Case:
     measure: Callable[[Setting], list[Check]]
 
     @property
+    def place(self) -> tuple[str, int, str]:
+        """Where it stands in a list: A2 before A10, A4 before A4b."""
+        digits = "".join(c for c in self.id if c.isdigit())
+        letter, suffix = self.id.split(digits)
+        return letter, int(digits), suffix
+
+    @property
     def equation(self) -> str:
         """First line of its docstring."""
         return (inspect.getdoc(self.measure) or "").split("\n\n")[0].replace("\n", " ")
 
 
 CASES: dict[str, Case] = {}
-"""Every case by id, in the order in which the modules were imported."""
+"""Every case by id."""
 
 
 def case(

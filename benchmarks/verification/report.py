@@ -57,12 +57,13 @@ def chosen(ids: list[str], tier: int | None, schemes: list[str]) -> list[tuple[s
     Raises:
         ValueError: a case or a scheme that does not exist.
     """
+    ordered = sorted(CASES.values(), key=lambda c: c.place)
     if unknown := [i for i in ids if i not in CASES]:
-        raise ValueError(f"there is no case {unknown[0]!r}; known: {', '.join(CASES)}")
+        raise ValueError(f"there is no case {unknown[0]!r}; known: {', '.join(c.id for c in ordered)}")
     names = list(SETTINGS) if "all" in schemes else schemes
     if unknown := [n for n in names if n not in SETTINGS]:
         raise ValueError(f"this solver has no scheme {unknown[0]!r}; known: {', '.join(SETTINGS)}, all")
-    cases = [c for c in CASES.values() if (not ids or c.id in ids) and (tier is None or c.tier == tier)]
+    cases = [c for c in ordered if (not ids or c.id in ids) and (tier is None or c.tier == tier)]
     return [(c.id, SETTINGS[n]) for c in cases for n in names if n in c.schemes]
 
 

@@ -10,7 +10,7 @@ from benchmarks.verification.report import run
 def parameters() -> list:
     """Short cases under the default transfer; long ones, and the plain transfers, marked slow."""
     out = []
-    for case in CASES.values():
+    for case in sorted(CASES.values(), key=lambda c: c.place):
         for name in SETTINGS:
             if name in case.schemes:
                 slow = case.tier > 0 or name != "default"
