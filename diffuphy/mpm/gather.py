@@ -21,7 +21,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from diffuphy.mpm.kernels import make_rows
+from diffuphy.mpm.rows import make_rows
 from diffuphy.mpm.transfer import make_transfer
 from diffuphy.mpm.variant import Variant
 

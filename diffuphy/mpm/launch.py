@@ -2,6 +2,7 @@
 
 import contextlib
 import threading
+import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -21,6 +22,15 @@ from diffuphy.mpm.variant import Variant
 
 Range = tuple[int, int]
 """First index and number of what one thread works on."""
+
+NUMBERS = ("s", "ws", "at", "to")
+"""Arguments that differ between rounds: the round, its row of wall data, first rows of its state and of the next."""
+
+SPINS = 2000
+"""How often a thread that waits asks again at once; about 2 ms, longer than any phase that is worth dividing."""
+
+PAUSE = 5e-5
+"""How long it sleeps between questions after that [s]: its core may be needed by the thread it waits for."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +107,7 @@ class Arguments:
         times = span.start + span.dt * np.arange(1 if self.still else span.steps)
         if span.half_kick and not self.still:  # the last kick belongs to what ends with the frame
             times[-1] -= 1e-6 * span.dt
-        return self.array(rows(self.boundaries, span.grid, times), kind)
+        return self.array(rows(self.boundaries, span.grid, times, self.variant.scheme.contact == "elastic"), kind)
 
     def driven(self, span: Span, matter: Matter) -> wp.array:
         """Drive data of every round."""
@@ -162,54 +172,63 @@ class Command:
     """A launch that can be repeated with other whole numbers."""
 
     def __init__(self, kernel: wp.Kernel, first: int, count: int, inputs: list[Any], device: str):
-        self._places = {arg.label: k for k, arg in enumerate(kernel.adj.args)}
+        self.empty = count == 0
+        places = {arg.label: k for k, arg in enumerate(kernel.adj.args)}
+        self._takes = [(name, places[name]) for name in NUMBERS if name in places]
         with LOCK:  # the first launch of a kernel builds and loads it
             self._launch = wp.launch(kernel, dim=count, inputs=inputs, device=device, record_cmd=True)
-        self._set("start", first)
-
-    def _set(self, name: str, value: int) -> None:
-        self._launch.set_param_at_index_from_ctype(self._places[name], value)
+        self._launch.set_param_at_index_from_ctype(places["start"], first)
 
     def __call__(self, numbers: dict[str, int]) -> None:
         """Launch it with those of ``numbers`` that it takes."""
-        for name, value in numbers.items():
-            if name in self._places:
-                self._set(name, value)
+        for name, place in self._takes:
+            self._launch.set_param_at_index_from_ctype(place, numbers[name])
         self._launch.launch()
 
 
 class Program:
-    """Phases, each of one command a thread; a phase begins when the one before has ended in every thread."""
+    """Phases, each of one command a thread; a phase begins when the one before has ended in every thread. The last
+    phase of a round and the first of the next need not wait for each other: a thread works on its own particles in
+    both, and writes nodes of its own copy only."""
 
     def __init__(self, phases: list[list[Command]]):
         self.phases = phases
         self.threads = len(phases[0])
 
     def run(self, rounds: Sequence[dict[str, int]], before: Callable[[int], None] | None = None) -> None:
-        """All phases once for every set of numbers; ``before`` is told the number of each round first."""
-        if before is not None:
-            for numbers in rounds:
-                before(numbers["s"])
-                self.run([numbers])
-            return
+        """All phases once for every set of numbers; ``before`` is told the number of each round first.
+
+        Raises:
+            Whatever a command or ``before`` raises, in whichever thread; the others stop at their next phase.
+        """
         if self.threads == 1:
             for numbers in rounds:
+                if before is not None:
+                    before(numbers["s"])
                 for (command,) in self.phases:
                     command(numbers)
             return
-        barrier, errors = threading.Barrier(self.threads), []
+        step, errors = Step(self.threads), []
 
         def work(t: int) -> None:
             try:
                 for numbers in rounds:
-                    for phase in self.phases:
-                        phase[t](numbers)
-                        barrier.wait()
-            except threading.BrokenBarrierError:
+                    if before is not None:
+                        step.wait(t)
+                        if t == 0:
+                            before(numbers["s"])
+                        step.wait(t)
+                    last = len(self.phases) - 1
+                    for k, phase in enumerate(self.phases):
+                        if not phase[t].empty:
+                            phase[t](numbers)
+                        if k < last:
+                            step.wait(t)
+            except Halted:
                 pass
             except BaseException as error:
                 errors.append(error)
-                barrier.abort()
+                step.halted = True
 
         others = [threading.Thread(target=work, args=(t,)) for t in range(1, self.threads)]
         for thread in others:
@@ -219,3 +238,33 @@ class Program:
             thread.join()
         if errors:
             raise errors[0]
+
+
+class Halted(Exception):
+    """Another thread has failed."""
+
+
+class Step:
+    """A barrier for threads that wait microseconds for each other: each counts its own arrivals and yields the
+    interpreter until the others have as many. A lock would put a thread to sleep, and waking takes longer than a phase
+    over the nodes of a small body."""
+
+    def __init__(self, threads: int):
+        self.halted = False
+        """Whether to give up waiting."""
+        self._arrived = [0] * threads
+
+    def wait(self, t: int) -> None:
+        """Return when every thread has called as often as thread ``t``.
+
+        Raises:
+            Halted: another thread has failed.
+        """
+        arrived = self._arrived
+        arrived[t] += 1
+        mine, spins = arrived[t], 0
+        while min(arrived) < mine:
+            if self.halted:
+                raise Halted
+            spins += 1
+            time.sleep(0.0 if spins < SPINS else PAUSE)

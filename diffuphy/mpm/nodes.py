@@ -47,7 +47,9 @@ def _make_divide(v: Variant) -> wp.Kernel:
         high: wp.vec3i,
         sticky: wp.vec3i,
         start: wp.int32,
-        acc: wp.array[node_t],  # (scenes · nodes,) velocity [m/s], mass [kg], velocity change [m/s]   out
+        acc: wp.array[
+            node_t
+        ],  # (scenes · nodes,) velocity [m/s], mass [kg], velocity change [m/s], distance to a wall [Δx]   out
     ):
         o = start + wp.tid()
         nodes = n[0] * n[1] * n[2]
@@ -62,7 +64,7 @@ def _make_divide(v: Variant) -> wp.Kernel:
         m = r[3]
         if m > real(0.0):
             acc[o] = node_t(
-                r[0] / m, r[1] / m, r[2] / m, m, r[4] / m + g[0], r[5] / m + g[1], r[6] / m + g[2], real(0.0)
+                r[0] / m, r[1] / m, r[2] / m, m, r[4] / m + g[0], r[5] / m + g[1], r[6] / m + g[2], r[7] / m
             )
         else:
             acc[o] = node_t()
@@ -91,9 +93,10 @@ def make_free(v: Variant) -> wp.Function:
 
 def _make_move(v: Variant) -> wp.Kernel:
     real, vec3, node_t, step_t = v.real, v.vec3, v.node_t, v.step_t
-    contact, index, summed = make_contact(v.walls, real), make_places().index, make_reflection(v).summed
+    contact, index, summed = make_contact(v.walls, real, v.scheme.order), make_places().index, make_reflection(v).summed
     apply, wall_t, has_walls = contact.apply, contact.wall_t, len(v.walls) > 0
     two_passes, measures, mirror, free = v.two_passes, v.measures, v.mirror, make_free(v)
+    elastic = v.elastic
 
     @wp.kernel(module="unique", enable_backward=False)
     def move(
@@ -136,7 +139,10 @@ def _make_move(v: Variant) -> wp.Kernel:
                 u = v0 + vec3(r[4], r[5], r[6]) / m + g
             before = u
             if wp.static(has_walls):
-                u = apply(u, dx * vec3(real(at[0]), real(at[1]), real(at[2])), row, sdf, ws)
+                e = vec3()
+                if wp.static(elastic):
+                    e = vec3(acc[o][7], steps[s][1] * steps[s][3], dx)
+                u = apply(u, dx * vec3(real(at[0]), real(at[1]), real(at[2])), e, row, sdf, ws)
             grid_v[o] = node_t(u[0], u[1], u[2], real(0.0), v0[0], v0[1], v0[2], real(0.0))
             if wp.static(measures and mirror):  # all that changes the momentum but stress and gravity
                 alpha = steps[s][2]

@@ -79,7 +79,7 @@ class Frame(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, solver: Solver, span: Span, replay: dict[str, Any], end: State, *parts: Tensor | None) -> Any:
         """Hand out ``end``, which the solver made from ``parts``: vol, tag, those of a state, w_e, w_p, θ, m, and
-        that of the retention, and those of the controls."""
+        the fastest wave, and those of the controls."""
         ctx.solver, ctx.span, ctx.replay = solver, span, replay
         ctx.save_for_backward(*parts)
         return end.tensors()
@@ -87,7 +87,7 @@ class Frame(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, *grads: Tensor | None) -> tuple[Any, ...]:
         vol, tag, *parts = ctx.saved_tensors
-        state, matter, rate, controls = parts[:7], parts[7:11], parts[11], Controls(*parts[12:])
+        state, matter, wave, controls = parts[:7], parts[7:11], parts[11], Controls(*parts[12:])
         need = ctx.needs_input_grad[17:]
         out = ctx.solver.advance_adjoint(
             State(*state),
@@ -95,18 +95,18 @@ class Frame(torch.autograd.Function):
             ctx.span,
             Bars(*(_bar(t, g) for t, g in zip(state, grads, strict=True))),
             ctx.needs_input_grad[13:17],
-            alpha=need[0],
+            wave=need[0],
             gravity=need[1],
             walls=any(need[2:]),
             **ctx.replay,
         )
-        span = ctx.span
-        rate_bar = None if out.alpha is None else (-span.dt * span.alpha * out.alpha.sum()).to(rate)
+        alpha, omega = (0.0 if t is None else float(t.sum()) for t in (out.alpha, out.omega))
+        wave_bar = wave.new_tensor(ctx.span.wave_bar(alpha, omega)) if need[0] else None
         of_state = (out.x, out.v, out.C, out.He, out.H, out.memory, out.HN)
         return (
             (None,) * 6
             + of_state
-            + (out.w_e, out.w_p, out.theta, out.m, rate_bar)
+            + (out.w_e, out.w_p, out.theta, out.m, wave_bar)
             + controls.bars(out.gravity, out.walls)
         )
 
@@ -191,7 +191,7 @@ def simulate(
         state = initial_state(
             scene,
             x if grad else x.detach(),
-            matter.m,
+            matter,
             mixture,
             velocity if grad or velocity is None else velocity.detach(),
             scenes,
@@ -199,7 +199,9 @@ def simulate(
     else:
         check_state(state, mixture)
     if scene.drives:
-        matter = dataclasses.replace(matter, tag=tags(scene.drives, placed(scene, x).detach(), matter.m.detach()))
+        matter = dataclasses.replace(
+            matter, tag=tags(scene.drives, placed(scene, x, matter.vol).detach(), matter.m.detach())
+        )
     solver = Solver(
         mixture, scene.boundaries, scene.gravity, x.dtype, x.device, particles=len(x) // scenes, dx=scene.dx,
         scheme=scene.scheme, drives=scene.drives, body=body, gather=gather, grad=grad, scenes=scenes,
@@ -243,7 +245,7 @@ def _node(
     clock: Clock, span: Span, replay: dict[str, Any], end: State, start: State, matter: Matter, controls: Controls
 ) -> State:
     """``end`` as a function of ``start``, ``matter`` and ``controls``, if anything there wants a gradient."""
-    wanted = (*start.tensors(), *matter.tensors()[:4], clock.rate, *controls.tensors())
+    wanted = (*start.tensors(), *matter.tensors()[:4], clock.top, *controls.tensors())
     if not any(t is not None and t.requires_grad for t in wanted):
         return end
     parts = tuple(None if t is None else t.contiguous() for t in wanted)

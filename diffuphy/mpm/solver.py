@@ -77,7 +77,7 @@ class Solver:
         self.dtype, self.device = dtype, torch.device(device)
         self.planes, walls = mirrors(boundaries, dx) if scheme.mirror else (Mirrors(), tuple(boundaries))
         self.variant = Variant(
-            mixture, REAL[dtype], scheme, signature(walls), self.planes.any, drive_signature(drives), body is not None,
+            mixture, REAL[dtype], scheme, signature(walls, scheme.contact == "elastic"), self.planes.any, drive_signature(drives), body is not None,
             "impulse" in gather, grad or "expected_dv" in gather,
         )  # fmt: skip
         lanes = Lanes(scenes, particles, threads if self.device.type == "cpu" else 1)
@@ -147,7 +147,7 @@ class Solver:
         kept: Rows | None = None,
         gravity: bool = False,
         walls: bool = False,
-        alpha: bool = False,
+        wave: bool = False,
     ) -> Bars:
         """Gradients with respect to ``state``, to (w_e, w_p, θ, m) and to the scene, given those with respect to the
         state after ``span``.
@@ -159,7 +159,7 @@ class Solver:
             bars: gradients in the fields of a state; they are overwritten.
             needs: which of w_e, w_p, θ, m want one.
             kept: what ``advance`` kept; then nothing is run again.
-            gravity, walls, alpha: whether gravity, the data of the walls and the retention want one.
+            gravity, walls, wave: whether gravity, the data of the walls and what goes by the fastest wave want one.
         """
         segment = span.steps if kept is not None else min(segment or self._segment(state, span), span.steps)
         with self._args.stream():
@@ -168,7 +168,7 @@ class Solver:
             bound, before = self._bind(work, matter, span)
             flowed = self._room(work.n)
             again = forward(bound, bound.status, flowed)
-            bars = self._with_room(bars, matter, span, needs, gravity, walls, alpha)
+            bars = self._with_room(bars, matter, span, needs, gravity, walls, wave)
             back = backward(bound, bars, needs, flowed)
             saved = []
             for s in starts[:-1]:
@@ -190,7 +190,7 @@ class Solver:
         return span.steps if (span.steps + 1) * row <= SEGMENT_BYTES else max(1, round(span.steps**0.5))
 
     def _with_room(
-        self, bars: Bars, matter: Matter, span: Span, needs: Needs, gravity: bool, walls: bool, alpha: bool
+        self, bars: Bars, matter: Matter, span: Span, needs: Needs, gravity: bool, walls: bool, wave: bool
     ) -> Bars:
         """Room for the other gradients that are wanted."""
         wanted = zip(("w_e", "w_p", "theta", "m"), matter.tensors()[:4], needs, strict=True)
@@ -198,8 +198,10 @@ class Solver:
         new = matter.m.new_zeros
         if gravity:
             more["gravity"] = new(span.grid.nodes * self._args.lanes.scenes, 3)
-        if alpha:
+        if wave and self.scheme.keeps:
             more["alpha"] = new(len(matter.m))
+        if wave and self.variant.elastic:
+            more["omega"] = new(span.grid.nodes * self._args.lanes.scenes)
         if walls:
             more["walls"] = new(1 if self._args.still else span.steps, len(self._args.boundaries), N_WALL)
         return dataclasses.replace(bars, **more)
