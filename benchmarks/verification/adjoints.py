@@ -120,11 +120,14 @@ def contact(s: Setting) -> list[Check]:
     T, angle = 0.2, math.radians(35.0)
     leaf = lambda value: torch.tensor(value, dtype=torch.float64, requires_grad=True)  # noqa: E731
     v0, mu = leaf(0.1), leaf(0.3)
-    to_v, to_mu = torch.autograd.grad(slid(s, angle, mu, v0, T), [v0, mu])
+    d = slid(s, angle, mu, v0, T)
+    to_v, to_mu = torch.autograd.grad(d, [v0, mu])
+    way = 0.1 * T + 9.81 * (math.sin(angle) - 0.3 * math.cos(angle)) * T * T / 2
     exact = -9.81 * math.cos(angle) * T * T / 2
     v_stick, mu_stick = leaf(0.0), leaf(0.6)
     stuck = torch.autograd.grad(slid(s, math.radians(20.0), mu_stick, v_stick, T), [v_stick, mu_stick])
     return [
+        within("d", float(d.detach()), 0.97 * way, 1.03 * way, way, "m"),
         within("∂d/∂v0 over t", float(to_v) / T, 0.97, 1.03, 1.0),
         within("∂d/∂μ", float(to_mu), 1.03 * exact, 0.97 * exact, exact, "m"),
         at_most("|∂d/∂v0| over t while it sticks", abs(float(stuck[0])) / T, 0.1),

@@ -77,11 +77,14 @@ MUTATIONS = (
     ),
     Mutation(
         "friction stops the node", "mpm/boundary/kernels.py", "t = t * (real(1.0) - drag / length)", "t = vec3()",
-        ("E6",),
+        ("E6",), "mls",
     ),
     Mutation(
-        "wall one node off", "mpm/boundary/layout.py", "(b.reach - SLACK) * grid.dx",
-        "(b.reach - SLACK - 1.0) * grid.dx", ("B3",), "mls",
+        "an elastic wall without friction", "mpm/boundary/kernels_elastic.py", "drag = w[7] * push",
+        "drag = real(0.0) * push", ("E6",),
+    ),
+    Mutation(
+        "wall one node off", "mpm/boundary/layout.py", "(b.reach - SLACK +", "(b.reach - SLACK - 1.0 +", ("B3",), "mls"
     ),
     Mutation(
         "mirror one node off", "mpm/mirror.py", "round(p / grid.dx - s) - o", "round(p / grid.dx - s) - o - 1", ("B3",)
