@@ -158,7 +158,7 @@ class Bound:
         self.drive = args.driven(span, matter)
         count = grid.nodes * lanes.scenes
         self.grid = args.nodal("grid", count * lanes.copies, v.node_t, clear=True)
-        self.acc = args.nodal("acc", count, v.node_t)
+        self.acc = args.nodal("acc", count if v.two_passes else 1, v.node_t)
         self.sigma = args.nodal("sigma", count if v.scheme.sharpen else 1, v.node_t)
         self.grid_v = args.nodal("grid_v", count, v.node_t)
 

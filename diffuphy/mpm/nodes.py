@@ -14,7 +14,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from diffuphy.mpm.boundary import make_contact
+from diffuphy.mpm.boundary import DAMPING, make_contact
 from diffuphy.mpm.mirror import make_reflection
 from diffuphy.mpm.places import make_places
 from diffuphy.mpm.sharpen import make_sharpening
@@ -96,7 +96,7 @@ def _make_move(v: Variant) -> wp.Kernel:
     contact, index, summed = make_contact(v.walls, real, v.scheme.order), make_places().index, make_reflection(v).summed
     apply, wall_t, has_walls = contact.apply, contact.wall_t, len(v.walls) > 0
     two_passes, measures, mirror, free = v.two_passes, v.measures, v.mirror, make_free(v)
-    elastic = v.elastic
+    elastic, vec4, damping = v.elastic, wp.types.vector(4, real), real(2.0 * DAMPING)
 
     @wp.kernel(module="unique", enable_backward=False)
     def move(
@@ -139,9 +139,10 @@ def _make_move(v: Variant) -> wp.Kernel:
                 u = v0 + vec3(r[4], r[5], r[6]) / m + g
             before = u
             if wp.static(has_walls):
-                e = vec3()
+                e = vec4()
                 if wp.static(elastic):
-                    e = vec3(acc[o][7], steps[s][1] * steps[s][3], dx)
+                    w2 = steps[s][3]
+                    e = vec4(acc[o][7], steps[s][1] * w2, damping * steps[s][1] * wp.sqrt(w2), dx)
                 u = apply(u, dx * vec3(real(at[0]), real(at[1]), real(at[2])), e, row, sdf, ws)
             grid_v[o] = node_t(u[0], u[1], u[2], real(0.0), v0[0], v0[1], v0[2], real(0.0))
             if wp.static(measures and mirror):  # all that changes the momentum but stress and gravity

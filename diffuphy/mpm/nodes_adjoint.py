@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from diffuphy.mpm.boundary import make_contact
+from diffuphy.mpm.boundary import DAMPING, make_contact
 from diffuphy.mpm.mirror import make_reflection
 from diffuphy.mpm.nodes import make_free
 from diffuphy.mpm.places import make_places
@@ -41,6 +41,7 @@ def _make_move_adjoint(v: Variant) -> wp.Kernel:
     summed, free = make_reflection(v).summed, make_free(v)
     contact_adjoint, contact_rows, wall_t = contact.adjoint, contact.adjoint_rows, contact.wall_t
     has_walls, elastic, step_t = len(v.walls) > 0, v.elastic, v.step_t
+    vec4, damping, half = wp.types.vector(4, real), real(2.0 * DAMPING), real(0.5)
 
     @wp.kernel(module="unique", enable_backward=False)
     def move_adjoint(
@@ -68,20 +69,22 @@ def _make_move_adjoint(v: Variant) -> wp.Kernel:
         m = acc[o][3]
         if m > real(0.0):
             b = summed(bar, o - base, scene, lanes, nodes)
-            g, e_bar = vec3(b[0], b[1], b[2]), vec3()
+            g, e_bar = vec3(b[0], b[1], b[2]), vec4()
             if wp.static(has_walls):
                 at = index(o - base, n)
                 u = free(acc, sigma, o, base, at, n)
                 place = dx * vec3(real(at[0]), real(at[1]), real(at[2]))
-                e = vec3()
+                e = vec4()
                 if wp.static(elastic):
-                    e = vec3(acc[o][7], steps[s][1] * steps[s][3], dx)
+                    w2 = steps[s][3]
+                    e = vec4(acc[o][7], steps[s][1] * w2, damping * steps[s][1] * wp.sqrt(w2), dx)
                 if need_rows:
                     g, e_bar = contact_rows(u, place, e, row, sdf, ws, g, row_bar)
                 else:
                     g, e_bar = contact_adjoint(u, place, e, row, sdf, ws, g)
                 if wp.static(elastic):
-                    omega_bar[o] = omega_bar[o] + steps[s][1] * e_bar[1]
+                    root = wp.sqrt(steps[s][3])
+                    omega_bar[o] = omega_bar[o] + steps[s][1] * (e_bar[1] + half * damping * e_bar[2] / root)
             y[o] = node_t(b[4] + g[0], b[5] + g[1], b[6] + g[2], e_bar[0], g[0] / m, g[1] / m, g[2] / m, real(0.0))
             for lane in range(lanes):
                 bar[(scene * lanes + lane) * nodes + o - base] = node_t()

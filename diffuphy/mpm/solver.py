@@ -13,7 +13,7 @@ import warp as wp
 from torch import Tensor
 
 from diffuphy.mpm.adjoint import Needs
-from diffuphy.mpm.boundary import N_WALL, Boundary, signature
+from diffuphy.mpm.boundary import N_WALL, Boundary, can_be_elastic, signature
 from diffuphy.mpm.drive import Drive, drive_signature
 from diffuphy.mpm.gather import Sums
 from diffuphy.mpm.launch import Arguments, Bound, Lanes
@@ -76,6 +76,8 @@ class Solver:
         self.mixture, self.scheme, self.gravity, self.body = mixture, scheme, tuple(gravity), body
         self.dtype, self.device = dtype, torch.device(device)
         self.planes, walls = mirrors(boundaries, dx) if scheme.mirror else (Mirrors(), tuple(boundaries))
+        if not can_be_elastic(walls):
+            scheme = dataclasses.replace(scheme, contact="rigid")
         self.variant = Variant(
             mixture, REAL[dtype], scheme, signature(walls, scheme.contact == "elastic"), self.planes.any, drive_signature(drives), body is not None,
             "impulse" in gather, grad or "expected_dv" in gather,

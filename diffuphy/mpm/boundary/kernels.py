@@ -25,7 +25,7 @@ def _make_wall(
     shape: str, kind: str, rough: bool, turns: bool, elastic: bool, order: int, real: type
 ) -> SimpleNamespace:
     """Warp functions of one wall: the velocity after it, the adjoint of that, and the gradient in its row."""
-    vec3, wall_t = wp.types.vector(3, real), wp.types.vector(N_WALL, real)
+    vec3, vec4, wall_t = (wp.types.vector(n, real) for n in (3, 4, N_WALL))
     sticky, separate = kind == "sticky", kind == "separate"
     surface = make_surface(shape, real)
 
@@ -42,7 +42,7 @@ def _make_wall(
         return SimpleNamespace(**vars(wall), separate=True, elastic=True)
 
     @wp.func(module="unique")
-    def act(v: vec3, r: vec3, e: vec3, w: wall_t, sdf: wp.array[real]) -> vec3:
+    def act(v: vec3, r: vec3, e: vec4, w: wall_t, sdf: wp.array[real]) -> vec3:
         if w[8] == real(0.0):
             return v
         n, phi = surface(w, r, sdf)
@@ -66,34 +66,34 @@ def _make_wall(
         return V + t
 
     @wp.func(module="unique")
-    def act_adjoint(v: vec3, r: vec3, e: vec3, w: wall_t, sdf: wp.array[real], o_bar: vec3):
+    def act_adjoint(v: vec3, r: vec3, e: vec4, w: wall_t, sdf: wp.array[real], o_bar: vec3):
         if w[8] == real(0.0):
-            return o_bar, vec3()
+            return o_bar, vec4()
         n, phi = surface(w, r, sdf)
         if phi > real(0.0):
-            return o_bar, vec3()
+            return o_bar, vec4()
         if wp.static(sticky):
-            return vec3(), vec3()
+            return vec3(), vec4()
         u = v - moving(w, r)
         u_n = wp.dot(u, n)
         if wp.static(separate):
             if u_n >= real(0.0):
-                return o_bar, vec3()
+                return o_bar, vec4()
         if wp.static(rough):
             # o = t (1 + μ u_n/|t|):  do = dt (1 + μ u_n/|t|) + t (μ du_n/|t| − μ u_n t·dt/|t|³)
             t = u - u_n * n
             length = wp.length(t)
             k = w[7] * u_n / length
             if length <= -w[7] * u_n:
-                return vec3(), vec3()
+                return vec3(), vec4()
             d = t / length
             along = wp.dot(d, o_bar)
             t_bar = (real(1.0) + k) * o_bar - (k * along) * d
-            return t_bar - wp.dot(t_bar, n) * n + (w[7] * along) * n, vec3()
-        return o_bar - wp.dot(o_bar, n) * n, vec3()
+            return t_bar - wp.dot(t_bar, n) * n + (w[7] * along) * n, vec4()
+        return o_bar - wp.dot(o_bar, n) * n, vec4()
 
     @wp.func(module="unique")
-    def friction_bar(v: vec3, r: vec3, e: vec3, w: wall_t, sdf: wp.array[real], o_bar: vec3) -> real:
+    def friction_bar(v: vec3, r: vec3, e: vec4, w: wall_t, sdf: wp.array[real], o_bar: vec3) -> real:
         """∂/∂μ of o·ō: u_n t/|t| · ō while it slides, of a smooth wall its right-hand derivative; else 0."""
         if wp.static(separate):
             if w[8] == real(0.0):
@@ -125,12 +125,12 @@ def make_contact(walls: Signature, real: type, order: int = 2) -> SimpleNamespac
 
     v is the velocity before all walls [m/s], v_bar the gradient in the velocity after them, and returned is that in v;
     ``adjoint_rows`` moreover adds to row_bar[s, b] the gradients in μ, V and ω of each wall b. r is the node from the
-    lowest node of the grid [m], e = (x̄, k ω², Δx) what elastic walls read (``kernels_elastic``), ``row`` the wall data
+    lowest node of the grid [m], e (vec4) what elastic walls read (``kernels_elastic``), ``row`` the wall data
     of ``layout.rows``, ``sdf`` the samples of ``mesh.sdf_samples``, s the row of this step. Gradients are exact within
     the branch a node is in; which nodes a wall governs, its normals and its places are held fixed.
     """
     apply, adjoint, adjoint_rows, nearest = _make_chain(walls, 0, real, order)
-    vec3, wall_t = wp.types.vector(3, real), wp.types.vector(N_WALL, real)
+    vec3, vec4, wall_t = (wp.types.vector(n, real) for n in (3, 4, N_WALL))
 
     @wp.func(module="unique")
     def first(r: vec3, dx: real, row: wp.array2d[wall_t], sdf: wp.array[real], s: wp.int32):
@@ -147,20 +147,20 @@ def _make_chain(walls: Signature, b: int, real: type, order: int) -> tuple[wp.Fu
     No loop over wp.static(walls[b]): what a loop resolves is not part of the hash under which Warp keeps compiled
     kernels, and two lists of walls of one length would share one kernel.
     """
-    vec3, wall_t = wp.types.vector(3, real), wp.types.vector(N_WALL, real)
+    vec3, vec4, wall_t = (wp.types.vector(n, real) for n in (3, 4, N_WALL))
     if not walls:
-        return _end(vec3, wall_t, real)
+        return _end(vec3, vec4, wall_t, real)
     others, others_adjoint, others_rows, others_nearest = _make_chain(walls[1:], b + 1, real, order)
     wall = _make_wall(*walls[0], order, real)
     act, act_adjoint, friction_bar, separate = wall.act, wall.act_adjoint, wall.friction_bar, wall.separate
     elastic, near = wall.elastic, wall.nearest if wall.elastic else None
 
     @wp.func(module="unique")
-    def apply(v: vec3, r: vec3, e: vec3, row: wp.array2d[wall_t], sdf: wp.array[real], s: wp.int32) -> vec3:
+    def apply(v: vec3, r: vec3, e: vec4, row: wp.array2d[wall_t], sdf: wp.array[real], s: wp.int32) -> vec3:
         return others(act(v, r, e, row[s, b], sdf), r, e, row, sdf, s)
 
     @wp.func(module="unique")
-    def adjoint(v: vec3, r: vec3, e: vec3, row: wp.array2d[wall_t], sdf: wp.array[real], s: wp.int32, v_bar: vec3):
+    def adjoint(v: vec3, r: vec3, e: vec4, row: wp.array2d[wall_t], sdf: wp.array[real], s: wp.int32, v_bar: vec3):
         w = row[s, b]
         after, e_after = others_adjoint(act(v, r, e, w, sdf), r, e, row, sdf, s, v_bar)
         before, e_bar = act_adjoint(v, r, e, w, sdf, after)
@@ -170,7 +170,7 @@ def _make_chain(walls: Signature, b: int, real: type, order: int) -> tuple[wp.Fu
     def adjoint_rows(
         v: vec3,
         r: vec3,
-        e: vec3,
+        e: vec4,
         row: wp.array2d[wall_t],
         sdf: wp.array[real],
         s: wp.int32,
@@ -205,29 +205,29 @@ def _make_chain(walls: Signature, b: int, real: type, order: int) -> tuple[wp.Fu
     return apply, adjoint, adjoint_rows, nearest
 
 
-def _end(vec3: type, wall_t: type, real: type) -> tuple[wp.Function, ...]:
+def _end(vec3: type, vec4: type, wall_t: type, real: type) -> tuple[wp.Function, ...]:
     """No walls: the identity."""
 
     @wp.func(module="unique")
-    def apply(v: vec3, r: vec3, e: vec3, row: wp.array2d[wall_t], sdf: wp.array[real], s: wp.int32) -> vec3:
+    def apply(v: vec3, r: vec3, e: vec4, row: wp.array2d[wall_t], sdf: wp.array[real], s: wp.int32) -> vec3:
         return v
 
     @wp.func(module="unique")
-    def adjoint(v: vec3, r: vec3, e: vec3, row: wp.array2d[wall_t], sdf: wp.array[real], s: wp.int32, v_bar: vec3):
-        return v_bar, vec3()
+    def adjoint(v: vec3, r: vec3, e: vec4, row: wp.array2d[wall_t], sdf: wp.array[real], s: wp.int32, v_bar: vec3):
+        return v_bar, vec4()
 
     @wp.func(module="unique")
     def adjoint_rows(
         v: vec3,
         r: vec3,
-        e: vec3,
+        e: vec4,
         row: wp.array2d[wall_t],
         sdf: wp.array[real],
         s: wp.int32,
         v_bar: vec3,
         row_bar: wp.array2d[wall_t],
     ):
-        return v_bar, vec3()
+        return v_bar, vec4()
 
     @wp.func(module="unique")
     def nearest(r: vec3, dx: real, row: wp.array2d[wall_t], sdf: wp.array[real], s: wp.int32, phi: real, n: vec3):

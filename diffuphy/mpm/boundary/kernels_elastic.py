@@ -5,10 +5,10 @@ back while it is still almost a cell above. Here a node pushes only as far as th
 matter that just touches the wall would: with x̄ = Σ w m φ(x_p)/Σ w m the mean distance of the particles of a node to the
 wall, X(φ_i) the same of matter that fills all φ > 0, both in cells,
 
-    a_n = r(φ_i) ω² Δx max(X(φ_i) − x̄, 0),     ω = c/Δx,     r = 1 behind the wall, falling to 0 half a cell in front
+    a_n = r(φ_i) max(ω² Δx (X(φ_i) − x̄) − 2 ζ ω u_n, 0) where X(φ_i) > x̄,     ω = c/Δx,     u_n ← u_n + k a_n
 
-a spring of half a cell of the stiffest material: no energy is lost, u_n ← u_n + k a_n. Friction is Coulomb's law for
-that impulse. Nodes deeper than HARD cells are held as those of a rigid wall, so that nothing gets through.
+with r = 1 behind the wall and falling to 0 half a cell in front: a spring of half a cell of the stiffest material, and
+a damper that lets a body at rest come to rest. Friction is Coulomb's law for the impulse k a_n. Nodes deeper than HARD cells are held as those of a rigid wall, so that nothing gets through.
 
     X(φ) = Q(s)/M(s),  s = −φ/Δx,  M(s) = ∫_s w(y) dy,  Q(s) = ∫_s (y − s) w(y) dy          w: the B-spline of the grid
 """
@@ -60,31 +60,31 @@ def make_filled(real: type, order: int) -> wp.Function:
 
 @cache
 def make_elastic_wall(shape: str, rough: bool, order: int, real: type, moving: wp.Function) -> SimpleNamespace:
-    """Warp functions of one wall, as those of ``kernels``; e = (x̄ [Δx], k ω² [1/s], Δx [m])."""
-    vec3, wall_t = wp.types.vector(3, real), wp.types.vector(N_WALL, real)
+    """Warp functions of one wall, as those of ``kernels``; e = (x̄ [Δx], k ω² [1/s], 2 ζ k ω [-], Δx [m])."""
+    vec3, vec4, wall_t = (wp.types.vector(n, real) for n in (3, 4, N_WALL))
     surface, filled = make_surface(shape, real), make_filled(real, order)
     hard, near = real(HARD), real(NEAR)
 
     @wp.func(module="unique")
-    def spring(phi: real, e: vec3):
-        """r (X − x̄) Δx and r Δx, both 0 where the matter does not press; φ from the surface that is held."""
-        d = phi / e[2] - hard
+    def spring(phi: real, e: vec4):
+        """r (X − x̄) Δx and r, both 0 where the matter does not press; φ from the surface that is held."""
+        d = phi / e[3] - hard
         gap = filled(d) - e[0]
         if d >= near or gap <= real(0.0):
             return real(0.0), real(0.0)
-        r = e[2] * wp.min(real(1.0), real(1.0) - d / near)
-        return r * gap, r
+        r = wp.min(real(1.0), real(1.0) - d / near)
+        return r * gap * e[3], r
 
     @wp.func(module="unique")
-    def act(v: vec3, r: vec3, e: vec3, w: wall_t, sdf: wp.array[real]) -> vec3:
+    def act(v: vec3, r: vec3, e: vec4, w: wall_t, sdf: wp.array[real]) -> vec3:
         if w[8] == real(0.0):
             return v
         n, phi = surface(w, r, sdf)
-        depth, _r = spring(phi, e)
-        push = e[1] * depth
+        depth, ramp = spring(phi, e)
         V = moving(w, r)
         u = v - V
         u_n = wp.dot(u, n)
+        push = e[1] * depth - e[2] * ramp * u_n
         if phi <= real(0.0):
             push = wp.max(push, -u_n)
         if push <= real(0.0):
@@ -100,21 +100,21 @@ def make_elastic_wall(shape: str, rough: bool, order: int, real: type, moving: w
         return V + t + (u_n + push) * n
 
     @wp.func(module="unique")
-    def act_adjoint(v: vec3, r: vec3, e: vec3, w: wall_t, sdf: wp.array[real], o_bar: vec3):
+    def act_adjoint(v: vec3, r: vec3, e: vec4, w: wall_t, sdf: wp.array[real], o_bar: vec3):
         if w[8] == real(0.0):
-            return o_bar, vec3()
+            return o_bar, vec4()
         n, phi = surface(w, r, sdf)
-        depth, slope = spring(phi, e)
-        push = e[1] * depth
+        depth, ramp = spring(phi, e)
         u = v - moving(w, r)
         u_n = wp.dot(u, n)
+        push = e[1] * depth - e[2] * ramp * u_n
         held = phi <= real(0.0) and -u_n > push
         if held:
             push = -u_n
         if push <= real(0.0):
-            return o_bar, vec3()
-        o_n = wp.dot(o_bar, n)
-        push_bar = o_n
+            return o_bar, vec4()
+        push_bar = wp.dot(o_bar, n)
+        n_bar = push_bar
         t_bar = o_bar
         if wp.static(rough):
             t = u - u_n * n
@@ -126,20 +126,21 @@ def make_elastic_wall(shape: str, rough: bool, order: int, real: type, moving: w
                 along = wp.dot(t, o_bar) / length
                 t_bar = (real(1.0) - k) * o_bar + (k * along / length) * t
                 push_bar -= w[7] * along
-        v_bar = t_bar - wp.dot(t_bar, n) * n + o_n * n
         if held:
-            return v_bar - push_bar * n, vec3()
-        return v_bar, vec3(-e[1] * slope * push_bar, depth * push_bar, real(0.0))
+            return t_bar + (n_bar - push_bar - wp.dot(t_bar, n)) * n, vec4()
+        n_bar -= e[2] * ramp * push_bar
+        e_bar = vec4(-e[1] * ramp * e[3] * push_bar, depth * push_bar, -ramp * u_n * push_bar, real(0.0))
+        return t_bar + (n_bar - wp.dot(t_bar, n)) * n, e_bar
 
     @wp.func(module="unique")
-    def friction_bar(v: vec3, r: vec3, e: vec3, w: wall_t, sdf: wp.array[real], o_bar: vec3) -> real:
+    def friction_bar(v: vec3, r: vec3, e: vec4, w: wall_t, sdf: wp.array[real], o_bar: vec3) -> real:
         if w[8] == real(0.0):
             return real(0.0)
         n, phi = surface(w, r, sdf)
-        depth, _r = spring(phi, e)
-        push = e[1] * depth
+        depth, ramp = spring(phi, e)
         u = v - moving(w, r)
         u_n = wp.dot(u, n)
+        push = e[1] * depth - e[2] * ramp * u_n
         if phi <= real(0.0):
             push = wp.max(push, -u_n)
         t = u - u_n * n

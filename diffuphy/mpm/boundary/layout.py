@@ -10,6 +10,7 @@
 
 import math
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -20,6 +21,9 @@ from diffuphy.mpm.grid import Grid
 Boundary = HalfSpace | Sphere | Box | Cylinder | Mesh
 Signature = tuple[tuple[str, str, bool, bool, bool], ...]
 """Shape, kind, friction or none, turning or not, elastic or not, of each wall."""
+
+DAMPING = 0.3
+"""ζ of elastic contact [-]: a body at rest comes to rest, and a ball loses 2 % more of its speed in a bounce."""
 
 HARD = 1.25
 """How far behind an elastic wall its nodes are held [Δx]."""
@@ -59,6 +63,13 @@ def wall_gradients(
     moves = np.stack([times < b.end for b in boundaries], axis=1)[..., None]
     friction = row_bar[..., FRICTION].sum(0)
     return friction, (row_bar[..., VELOCITY] * moves).sum(0), (row_bar[..., ANGULAR_VELOCITY] * moves).sum(0)
+
+
+def can_be_elastic(boundaries: Sequence[Boundary]) -> bool:
+    """Whether walls that separate may be elastic: not where the planes of two meet, since nodes know how far their
+    matter is from the nearest wall only."""
+    planes = [b for b in boundaries if isinstance(b, HalfSpace) and b.kind == "separate"]
+    return all(np.dot(a.normal, b.normal) < -0.99 for a, b in combinations(planes, 2))
 
 
 def rows(boundaries: Sequence[Boundary], grid: Grid, times: np.ndarray, elastic: bool = False) -> np.ndarray:
