@@ -1,8 +1,10 @@
 """The material point method: particles, walls, grid, time; and its adjoint."""
 
 import diffuphy.compiling  # noqa: F401, sets Warp up before it starts
+from diffuphy.mpm.batch import rollout_batch
 from diffuphy.mpm.boundary import Boundary, Box, Cylinder, HalfSpace, Mesh, Schedule, Sphere, container
 from diffuphy.mpm.controls import Controls
+from diffuphy.mpm.diagnostics import Balance, Diagnostics
 from diffuphy.mpm.drive import (
     Acceleration,
     Attractor,
@@ -22,12 +24,12 @@ from diffuphy.mpm.rollout import rollout, simulate
 from diffuphy.mpm.sample import Sample, coarsen
 from diffuphy.mpm.scene import SCENES, Scene, scene_for
 from diffuphy.mpm.scheme import Scheme
-from diffuphy.mpm.solver import Solver
+from diffuphy.mpm.solver import Solver, backward_bytes
 from diffuphy.mpm.state import Matter, Span, State
 
 __all__ = [
-    "SCENES", "Acceleration", "Attractor", "Boundary", "Box", "Controls", "Cylinder", "Drag", "Drive",
-    "FrameReport", "Grid", "HalfSpace", "Held", "Impulse", "InBall", "InBox", "InCylinder", "Matter", "Mesh",
-    "Release", "Sample", "Scene", "Schedule", "Scheme", "Solver", "Span", "Sphere", "State", "Vortex", "coarsen",
-    "container", "rollout", "scene_for", "simulate",
+    "SCENES", "Acceleration", "Attractor", "Balance", "Boundary", "Box", "Controls", "Cylinder", "Diagnostics",
+    "Drag", "Drive", "FrameReport", "Grid", "HalfSpace", "Held", "Impulse", "InBall", "InBox", "InCylinder",
+    "Matter", "Mesh", "Release", "Sample", "Scene", "Schedule", "Scheme", "Solver", "Span", "Sphere", "State",
+    "Vortex", "backward_bytes", "coarsen", "container", "rollout", "rollout_batch", "scene_for", "simulate",
 ]  # fmt: skip

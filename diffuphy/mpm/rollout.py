@@ -189,6 +189,8 @@ def _check_options(
             raise ValueError(f"{name} must be at least 1{' ' * bool(of)}{of}, got {value}")
     if scenes < 1 or particles % scenes:
         raise ValueError(f"scenes must divide the number of particles, got scenes = {scenes} and {particles} particles")
+    if scenes > 1 and (gather or diagnose):
+        raise ValueError("gather and diagnose sum over one scene; run the scenes of a batch one by one for that")
     if scenes > 1 and scene.bounds is not None:
         raise ValueError("a batch of scenes has no bounds: its scenes must keep the same particles; set bounds to None")
 
@@ -228,7 +230,7 @@ def _advance(
         sums = Sums.zero(gather, state.x.detach(), span.grid.nodes) if gather else None
         end, status, kept = solver.advance(state, matter, span, keep, sums)
         trouble = trouble_of(end, status, span)
-        if trouble is None and status[LEFT] and grown < GROWTHS:
+        if status[LEFT] and grown < GROWTHS and (trouble is None or _left_first(solver, state, matter, span)):
             span = dataclasses.replace(span, grid=span.grid.grown(4 * 2**grown))
             grown += 1
             continue
@@ -245,6 +247,14 @@ def _advance(
         if clock.dt is not None or halved == HALVINGS:
             raise blame(clock, state, matter, span, frame, trouble)
         span, halved = clock.halved(span), halved + 1
+
+
+def _left_first(solver: Solver, state: State, matter: Matter, span: Span) -> bool:
+    """Whether a particle left the block before anything else went wrong: then that may be all that did."""
+    for _, status, _ in solver.watch(state, matter, span):
+        if any(status):
+            return status[LEFT] > 0
+    return False
 
 
 def _outrun(clock: Clock, end: State, span: Span) -> Trouble | None:

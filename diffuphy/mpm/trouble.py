@@ -42,8 +42,10 @@ def trouble_of(end: State, status: list[int], span: Span, left: bool = False) ->
         return Trouble("crossed more than one cell in a substep", p, f"|v| Δt/Δx = {cells:.4g}, at most 1")
     for name in ("x", "v", "C", "He", "memory", "HN"):
         t = getattr(end, name)
-        finite = None if t is None else torch.isfinite(t).reshape(len(t), -1).all(1)
-        if finite is not None and not bool(finite.all()):
+        if t is None:
+            continue
+        finite = torch.isfinite(t).reshape(len(t), -1).all(1)
+        if not bool(finite.all()):
             p = int((~finite).nonzero()[0])
             return Trouble("is not finite", p, f"{name} = {t[p].flatten().tolist()}, must be finite")
     if left and status[LEFT]:
