@@ -5,6 +5,7 @@ Everything is an offset from a *start*: the head's last layer is zero at first, 
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Literal, Protocol
 
 import torch
@@ -160,9 +161,7 @@ class Decoder(nn.Module):
         theta = dict(start.theta)
         for i, p in enumerate(self.params):
             theta[p.name] = bounded(p, start.theta[p.name], o_theta[:, i], self.param_gain)
-        return MaterialField(
-            self.elastic, self.plastic, self._weights(start.w_e, o_e), self._weights(start.w_p, o_p), theta, start.rho
-        )
+        return replace(start, w_e=self._weights(start.w_e, o_e), w_p=self._weights(start.w_p, o_p), theta=theta)
 
     def _weights(self, start: Tensor, o: Tensor) -> Tensor:
         return gate(self.bias * start + self.gate_gain * o, self.kind) if o.shape[-1] else start

@@ -82,8 +82,7 @@ def build(real: Any) -> LinalgFunctions:
         f = f * p
         h = real(0.5) * (a * (b * c - d * d) - f * (f * c - d * e) + e * (f * d - b * e))
         beta = far_root(wp.min(wp.abs(h), real(1.0)))
-        if h < real(0.0):
-            beta = -beta
+        beta = wp.where(h < real(0.0), -beta, beta)
         a = a - beta
         b = b - beta
         c = c - beta
@@ -94,11 +93,8 @@ def build(real: Any) -> LinalgFunctions:
         xy = e * d - f * c
         xz = f * d - b * e
         yz = e * f - a * d
-        v = vec3(xx, xy, xz)
-        if yy > xx and yy >= zz:
-            v = vec3(xy, yy, yz)
-        elif zz > xx:
-            v = vec3(xz, yz, zz)
+        v = wp.where(yy > xx, vec3(xy, yy, yz), vec3(xx, xy, xz))
+        v = wp.where(zz > wp.max(xx, yy), vec3(xz, yz, zz), v)
         return v * (real(1.0) / wp.sqrt(wp.dot(v, v)))
 
     @wp.func(module="unique")
@@ -107,8 +103,7 @@ def build(real: Any) -> LinalgFunctions:
         d = bb - aa
         ab2 = ab + ab
         t = ab2 / (wp.abs(d) + wp.sqrt(d * d + ab2 * ab2) + tiny)
-        if d < real(0.0):
-            t = -t
+        t = wp.where(d < real(0.0), -t, t)
         c = real(1.0) / wp.sqrt(real(1.0) + t * t)
         return c, t * c
 
@@ -125,9 +120,7 @@ def build(real: Any) -> LinalgFunctions:
     def decompose(F: mat33):
         v0 = far_vector(F)
         # orthonormal complement (Duff et al., JCGT 6 (2017))
-        g = real(1.0)
-        if v0[2] < real(0.0):
-            g = real(-1.0)
+        g = wp.where(v0[2] < real(0.0), real(-1.0), real(1.0))
         a = real(-1.0) / (g + v0[2])
         b = v0[0] * v0[1] * a
         y1 = vec3(real(1.0) + g * v0[0] * v0[0] * a, g * b, -g * v0[0])

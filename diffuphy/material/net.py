@@ -115,7 +115,7 @@ class MaterialNet(nn.Module):
         self.to(points.x.device, points.x.dtype)
         for name in ("w_e", "w_p", "rho"):
             self.register_buffer(f"start_{name}", getattr(start, name).detach().clone())
-        self._theta = tuple(start.theta)
+        self._theta, self._branches = tuple(start.theta), start.branches
         for name, value in start.theta.items():
             self.register_buffer(f"start_theta_{name}", value.detach().clone())
 
@@ -148,7 +148,7 @@ class MaterialNet(nn.Module):
         """The field of the draft particles before training."""
         theta = {name: getattr(self, f"start_theta_{name}") for name in self._theta}
         names = self.decoder.elastic, self.decoder.plastic
-        return MaterialField(*names, self.start_w_e, self.start_w_p, theta, self.start_rho)
+        return MaterialField(*names, self.start_w_e, self.start_w_p, theta, self.start_rho, self._branches)
 
     def transfer(self, points: Points) -> MaterialField:
         """The start for other points: that of the nearest draft particle."""

@@ -1,6 +1,7 @@
 """The viscous branch: relaxation in closed form, its adjoint, and what it adds to the waves."""
 
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -18,18 +19,10 @@ MU, LAM = (float(x) for x in lame({"E": PARAMS["E_N"], "nu": PARAMS["nu"]}))
 DT = 1e-3
 
 
-def branch(
-    F: np.ndarray,
-    theta: np.ndarray | None = None,
-    tau_bar: Any = None,
-    Fe_bar: Any = None,
-    dt: float = DT,
-    **params: float,
-) -> dict[str, np.ndarray]:
-    """Stress, relaxed deformation, energy and gradients of the branch beside a neo-Hookean solid, in float64."""
+@cache
+def beside_neo_hookean() -> tuple[Any, Any]:
+    """The mixture and a kernel of all that its branch does."""
     m = make_mixture(("neo_hookean",), (), wp.float64, ("maxwell",))
-    if theta is None:
-        theta = np.tile([(PARAMS | params)[p] for p in m.params], (len(F), 1))
     mat33, theta_t, w_t, real = m.mat33, m.theta_t, m.w_e_t, m.real
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -49,11 +42,27 @@ def branch(
         theta_bar[p] = b
         wave[p] = m.wave(F[p], w_t(), theta[p])
 
+    return m, run
+
+
+def branch(
+    F: np.ndarray,
+    theta: np.ndarray | None = None,
+    tau_bar: Any = None,
+    Fe_bar: Any = None,
+    dt: float = DT,
+    **params: float,
+) -> dict[str, np.ndarray]:
+    """Stress, relaxed deformation, energy and gradients of the branch beside a neo-Hookean solid, in float64."""
+    m, run = beside_neo_hookean()
+    if theta is None:
+        theta = np.tile([(PARAMS | params)[p] for p in m.params], (len(F), 1))
+
     def array(x: Any, kind: Any) -> wp.array:
         return wp.array(np.ascontiguousarray(np.zeros_like(F) if x is None else x), dtype=kind, device="cpu")
 
-    inputs = [array(F, mat33), array(theta, theta_t), array(tau_bar, mat33), array(Fe_bar, mat33), dt]
-    out = [wp.zeros(len(F), dtype=t, device="cpu") for t in (mat33, mat33, real, mat33, theta_t, real)]
+    inputs = [array(F, m.mat33), array(theta, m.theta_t), array(tau_bar, m.mat33), array(Fe_bar, m.mat33), dt]
+    out = [wp.zeros(len(F), dtype=t, device="cpu") for t in (m.mat33, m.mat33, m.real, m.mat33, m.theta_t, m.real)]
     wp.launch(run, dim=len(F), inputs=inputs, outputs=out, device="cpu")
     return dict(zip(("tau", "Fe", "psi", "F_bar", "theta_bar", "wave"), (o.numpy() for o in out), strict=True))
 
@@ -124,3 +133,37 @@ def test_a_mixture_without_branches_has_none():
     assert make_mixture(("neo_hookean",), (), wp.float64).branch_stress is None
     with pytest.raises(ValueError, match="unknown branch law 'kelvin'; known: maxwell"):
         make_mixture(("neo_hookean",), (), wp.float64, ("kelvin",))
+
+
+def test_branches_of_a_field_are_stored_and_kept(tmp_path):
+    """Saved and loaded, taken, hardened and pruned: a field keeps its branches; a field written before has none."""
+    import json
+
+    from diffuphy.material.field import harden, prune, take
+    from diffuphy.types import MaterialField
+
+    weights, theta = torch.tensor([[1.0, 0.0]] * 3), {k: torch.full((3,), v) for k, v in PARAMS.items()}
+    names = ("hencky", "neo_hookean"), ("identity", "fluid")
+    field = MaterialField(*names, weights, weights.clone(), theta, torch.ones(3), ("maxwell",))
+    field.save(tmp_path)
+    assert MaterialField.load(tmp_path).branches == ("maxwell",)
+    for other in (take(field, torch.tensor([0])), harden(field), prune(field).field):
+        assert other.branches == ("maxwell",)
+    file = tmp_path / "result.json"
+    old = json.loads(file.read_text())
+    del old["branches"]
+    file.write_text(json.dumps(old))
+    assert MaterialField.load(tmp_path).branches == ()
+
+
+def test_the_network_keeps_the_branches_of_its_start():
+    from diffuphy.material.decoder import Decoder
+    from diffuphy.material.moduli import E
+    from diffuphy.types import MaterialField
+
+    one = torch.ones(3, 1)
+    field = MaterialField(
+        ("hencky",), ("identity",), one, one, {"E": torch.full((3,), 1e5)}, torch.ones(3), ("maxwell",)
+    )
+    out = Decoder(2, 4, field.elastic, field.plastic, (E,))(torch.zeros(3, 2), field)
+    assert out.branches == ("maxwell",) and out.elastic == ("hencky",)
