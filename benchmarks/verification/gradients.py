@@ -172,8 +172,10 @@ def repeated(s: Setting) -> list[Check]:
 
 @case("E2b", "Gradient of stress at equal stretches, float32", tier=1, schemes=("default",))
 def repeated_single(s: Setting) -> list[Check]:
-    """∂τ/∂F 1e-6 beside rotations in float32 against float64: 1e-5, some tens of roundings of 6e-8. Built-in adjoints of
-    a singular value decomposition are 5 % off there."""
+    """∂τ/∂F 1e-6 beside rotations in float32 against float64: 1e-5, some tens of roundings of 6e-8.
+
+    The adjoint of a singular value decomposition is 5 % off there.
+    """
     n, plain = 64, SETTINGS["mls"]
     g = torch.Generator().manual_seed(11)
     W = torch.randn(n, 3, 3, dtype=torch.float64, generator=g).float()
