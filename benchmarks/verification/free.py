@@ -60,9 +60,8 @@ def flight(s: Setting) -> list[Check]:
     body = Body(block((6, 4.5, 5.5), DX, (0.31, 0.42, 0.36)).x, torch.full((1188,), (DX / 2) ** 3, dtype=torch.float64))
     for what, error in zip("xvF", falling(s, body, 500), strict=True):
         checks.append(at_most(f"largest error of {what}, float64", error, 1e-12))
-    for plastic in ("von_mises", "drucker_prager"):
-        dust = Body(body.x, body.vol, elastic="hencky", plastic=plastic)
-        checks.append(at_most(f"largest error of x, {plastic}", falling(s, dust, 100)[0], 1e-12, "m"))
+    metal = Body(body.x, body.vol, elastic="hencky", plastic="von_mises")
+    checks.append(at_most("largest error of x, von Mises", falling(s, metal, 100)[0], 1e-12, "m"))
     single = falling(s, body.to(torch.float32), 500)
     checks.append(at_most("largest error of x, float32", single[0], 2e-6 * math.sqrt(500), "m"))
     return checks

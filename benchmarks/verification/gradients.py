@@ -107,7 +107,7 @@ def ladder(
 @case("E1", "Gradients against differences")
 def differences(s: Setting) -> list[Check]:
     """∂(a·x + b·v + c:F)/∂(x0, v0, C0, F0, E, ν, ρ) against central differences, h = 1e-2 … 1e-9: 1e-6 after one
-    substep, 1e-5 after 100; float32 within 1e-3 of float64.
+    substep, 1e-5 after 100.
 
     Truncation h² meets rounding 1e-16/h near h = 1e-5: about 1e-10 of the terms, less what the dynamics amplify.
     """
@@ -116,14 +116,13 @@ def differences(s: Setting) -> list[Check]:
     for steps, limit in ((1, 1e-6), (100, 1e-5)):
         for name, error in ladder(s, p, steps).items():
             checks.append(at_most(f"{name}, {steps} substeps", error, limit))
-    double, single = p.gradients(s, 100), p.single().gradients(s, 100)
-    worst = max(float((single[k].double() - g).norm() / g.norm()) for k, g in double.items())
-    return [*checks, at_most("float32 against float64, 100 substeps, worst input", worst, 1e-3)]
+    return checks
 
 
 @case("E1b", "Gradients against differences: laws that flow, long runs", tier=1)
 def differences_of_laws(s: Setting) -> list[Check]:
-    """The same through return maps (yield stress, friction angle, cohesion, viscosity) and over 1000 substeps: 1e-4.
+    """The same through return maps (yield stress, friction angle, cohesion, viscosity) and over 1000 substeps: 1e-4;
+    float32 within 1e-3 of float64.
 
     A return map has kinks: a particle that yields between x − h and x + h leaves an error of order h; the smallest of
     the ladder has none.
@@ -135,7 +134,10 @@ def differences_of_laws(s: Setting) -> list[Check]:
             checks.append(at_most(f"{plastic}: {name}, 30 substeps", error, 1e-5))
     for name, error in ladder(s, problem(), 1000, ("x", "v", "E"), range(4, 8)).items():
         checks.append(at_most(f"{name}, 1000 substeps", error, 1e-4))
-    return checks
+    p = problem()
+    double, single = p.gradients(s, 100), p.single().gradients(s, 100)
+    worst = max(float((single[k].double() - g).norm() / g.norm()) for k, g in double.items())
+    return [*checks, at_most("float32 against float64, 100 substeps, worst input", worst, 1e-3)]
 
 
 @case("E2", "Gradient of stress at equal stretches", schemes=("default",))
@@ -160,10 +162,6 @@ def repeated(s: Setting) -> list[Check]:
         exact = (mu * sym + lam * W.diagonal(dim1=-2, dim2=-1).sum(-1)[:, None, None] * eye) @ Q
         found = stress_adjoint(plain, body, Q, W)
         checks.append(at_most(f"{law}: at rotations", _relative(found, exact), 1e-10))
-        beside = (Q + 1e-6 * torch.randn(n, 3, 3, dtype=torch.float64, generator=g)).float()
-        single = stress_adjoint(plain, body.to(torch.float32), beside, W.float()).double()
-        double = stress_adjoint(plain, body, beside.double(), W.float().double())
-        checks.append(at_most(f"{law}: 1e-6 beside rotations, float32", _relative(single, double), 1e-5))
         for stretch in ((0.9, 0.9, 0.9), (1.1, 1.1, 0.9)):
             F = Q @ torch.diag(eye.new_tensor(stretch))
             H = torch.randn(n, 3, 3, dtype=torch.float64, generator=g)
@@ -171,6 +169,26 @@ def repeated(s: Setting) -> list[Check]:
             slope = (W * _slope(plain, body, F, H)).sum((1, 2))
             error = float((found - slope).abs().max() / slope.abs().max())
             checks.append(at_most(f"{law}: at diag{stretch}", error, 1e-10))
+    return checks
+
+
+@case("E2b", "Gradient of stress at equal stretches, float32", tier=1, schemes=("default",))
+def repeated_single(s: Setting) -> list[Check]:
+    """∂τ/∂F 1e-6 beside rotations in float32 against float64: 1e-5, some tens of roundings of 6e-8.
+
+    The adjoint of a singular value decomposition is 5 % off there.
+    """
+    n, plain = 64, SETTINGS["mls"]
+    g = torch.Generator().manual_seed(11)
+    W = torch.randn(n, 3, 3, dtype=torch.float64, generator=g).float()
+    Q = torch.stack([rotation(tuple(torch.randn(3, generator=g).tolist()), 0.1 * k) for k in range(n)])
+    beside = (Q + 1e-6 * torch.randn(n, 3, 3, dtype=torch.float64, generator=g)).float()
+    checks = []
+    for law in LAWS:
+        body = isolated(n, elastic=law)
+        single = stress_adjoint(plain, body.to(torch.float32), beside, W).double()
+        double = stress_adjoint(plain, body, beside.double(), W.double())
+        checks.append(at_most(law, _relative(single, double), 1e-5))
     return checks
 
 
