@@ -277,7 +277,7 @@ class Solver:
             more["gravity"] = new(span.grid.nodes * self._args.lanes.scenes, 3)
         if wave and self.scheme.keeps:
             more["alpha"] = new(len(matter.m))
-        if wave and self.variant.elastic:
+        if self.variant.elastic:
             more["omega"] = new(span.grid.nodes * self._args.lanes.scenes)
         if walls:
             more["walls"] = new(1 if self._args.still else span.steps, len(self._args.boundaries), N_WALL)
