@@ -31,6 +31,7 @@ QUICK = {
     "gaussians": ("--objects", "burger", "--steps", "20", "--out", "{out}"),
     "identify": ("stiffness", "--steps", "1", "--out", "{out}"),
     "library_sheet": ("burger", "duck", "--out", "{out}/library.png"),
+    "peers": ("--particles", "2000", "--repeat", "2", "--out", "{out}"),
     "rasteriser": ("--repeats", "1", "--out", "{out}"),
     "resume": ("--kills", "1"),
     "throughput": ("--particles", "2000", "--repeat", "2", "--out", "{out}"),

@@ -42,20 +42,18 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
     mixture, real = variant.mixture, variant.real
     vec3, mat33, node_t, step_t = variant.vec3, variant.mat33, variant.node_t, variant.step_t
     w_e_t, w_p_t, theta_t, memory_t = mixture.w_e_t, mixture.w_p_t, mixture.theta_t, mixture.memory_t
-    transfer, rows, drives = make_transfer(variant.scheme, real), make_rows(variant), variant.drives
-    spline, scatter_adjoint, row, column = transfer.spline, transfer.scatter_adjoint, rows.row, rows.column
-    first, second, moments = rows.first, rows.second, rows.moments
-    cell, eye = spline.cell, spline.eye
+    spline, drives = make_transfer(variant.scheme, real).spline, variant.drives
+    cell, eye, from_nodes = spline.cell, spline.eye, _make_from_nodes(variant)
     stress, stress_adjoint = mixture.stress, mixture.stress_adjoint
     branch_stress, branch_stress_adjoint = mixture.branch_stress, mixture.branch_stress_adjoint
     memory, branched = len(mixture.memory) > 0, len(mixture.branches) > 0
-    mixes_e, mixes_p = mixture.Ke > 1, mixture.Kp > 1
+    material_of = make_rows(variant).material_of
     body, driven, classic = variant.body, len(drives) > 0, variant.scheme.force == "classic"
     drive = make_drives(drives, real)
     drive_t, accelerate, accelerate_adjoint = drive.drive_t, drive.accelerate, drive.accelerate_adjoint
     hold, hold_adjoint = drive.hold, drive.hold_adjoint
     inverse = real(1 / variant.scheme.inertia)
-    contact, elastic, placed = make_contact(variant.walls, real, variant.scheme.order), variant.elastic, rows.placed
+    contact, elastic = make_contact(variant.walls, real, variant.scheme.order), variant.elastic
     nearest, wall_t = contact.nearest, contact.wall_t
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -107,16 +105,9 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
         idx = real(1.0) / dx
         place = (X[p] - low) + u[r]
         bx, by, bz, f = cell(place * idx)
-        step = steps[s]
-        dt, kick = step[0], step[1]
-        w_e_p = w_e_t()
-        w_p_p = w_p_t()
-        if wp.static(mixes_e):
-            w_e_p = w_e[p]
-        if wp.static(mixes_p):
-            w_p_p = w_p[p]
+        dt, kick = steps[s][0], steps[s][1]
+        w_e_p, w_p_p, theta_p = material_of(w_e, w_p, theta, p)
         F = eye() + He[r]
-        theta_p = theta[p]
         if wp.static(memory):
             tau, _Fe, _h = stress(F, w_e_p, w_p_p, theta_p, dt, memory_in[r])
         else:
@@ -124,56 +115,33 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
         if wp.static(branched):
             tau_N, _FN = branch_stress(eye() + HN[r], theta_p, dt)
             tau += tau_N
-        m_p, v_p, C_p = m[p], v[r], C[r]
+        m_p = m[p]
+        v_p = v[r]
+        C_p = C[r]
         a_p = vec3()
         if wp.static(driven):
             v_p, C_p = hold(place, v_p, C_p, tag[p], drive_row, s)
             a_p = accelerate(place, v_p, tag[p], drive_row, s)
         if wp.static(body):
             a_p += b[p]
-        A = (m_p * dx) * C_p
         k = -kick * vol[p] * idx
-        T = k * tau
-        z, o = vec3(), real(0.0)
-        q3, f3 = m_p * v_p - A * f, (kick * m_p) * a_p
-        base = (p // per_scene) * (n[0] * n[1] * n[2])
-        tau_bar = mat33()
-        brought = row(q3, m_p, f3)
         if wp.static(not classic):
             k *= inverse
-            T = k * tau
-            brought = row(q3, m_p, f3 - T * f)
+        base = (p // per_scene) * (n[0] * n[1] * n[2])
         phi, normal = real(0.0), vec3()
         if wp.static(elastic):
             phi, normal = nearest(place, dx, wall_row, sdf, ws)
-            brought = placed(brought, phi)
-        if wp.static(classic):
-            sum, m0, m1, m2, g0, g1, g2, along = scatter_adjoint(
-                bar, base, n, bx, by, bz, f, brought,
-                row(column(A, 0), o, z), row(column(A, 1), o, z), row(column(A, 2), o, z),
-                row(z, o, column(T, 0)), row(z, o, column(T, 1)), row(z, o, column(T, 2)),
-            )  # fmt: skip
-            tau_bar = k * wp.matrix_from_cols(second(g0), second(g1), second(g2))
-            along -= wp.transpose(A) * first(sum)
-        else:
-            sum, m0, m1, m2, along = scatter_adjoint(
-                bar, base, n, bx, by, bz, f, brought,
-                row(column(A, 0), o, column(T, 0)),
-                row(column(A, 1), o, column(T, 1)),
-                row(column(A, 2), o, column(T, 2)),
-            )  # fmt: skip
-            tau_bar = k * moments(second(sum), second(m0), second(m1), second(m2), f)
-            along -= wp.transpose(A) * first(sum) + wp.transpose(T) * second(sum)
-        S, S_f = first(sum), second(sum)
-        A_bar = moments(S, first(m0), first(m1), first(m2), f)
-        v_b, C_b, x_b = m_p * S, (m_p * dx) * A_bar, idx * along
+        S, S_f, A_bar, tau_bar, m_i, phi_i, along = from_nodes(
+            bar, base, n, bx, by, bz, f, m_p, v_p, (m_p * dx) * C_p, (kick * m_p) * a_p, k, tau, phi
+        )
+        v_b, C_b = m_p * S, (m_p * dx) * A_bar
+        x_bar[p] = x_bar[p] + idx * along
+        if wp.static(elastic):
+            x_bar[p] = x_bar[p] + (m_p * phi_i * idx) * normal
         if wp.static(driven):
             r_b, v_a = accelerate_adjoint(place, v_p, tag[p], drive_row, s, (kick * m_p) * S_f)
             r_h, v_b, C_b = hold_adjoint(place, v[r], C[r], tag[p], drive_row, s, v_b + v_a, C_b)
-            x_b += r_b + r_h
-        if wp.static(elastic):
-            x_b += (m_p * sum[7] * idx) * normal
-        x_bar[p] = x_bar[p] + x_b
+            x_bar[p] = x_bar[p] + (r_b + r_h)
         v_bar[p] = v_bar[p] + v_b
         C_bar[p] = C_bar[p] + C_b
         if wp.static(memory):
@@ -195,8 +163,47 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
         if need_theta:
             theta_bar[p] = theta_bar[p] + th_b
         if need_m:
-            m_bar[p] = m_bar[p] + wp.dot(S, v_p) + dx * wp.ddot(A_bar, C_p) + sum[3] + kick * wp.dot(S_f, a_p)
+            m_bar[p] = m_bar[p] + wp.dot(S, v_p) + dx * wp.ddot(A_bar, C_p) + m_i + kick * wp.dot(S_f, a_p)
             if wp.static(elastic):
-                m_bar[p] = m_bar[p] + sum[7] * phi
+                m_bar[p] = m_bar[p] + phi_i * phi
 
     return p2g_adjoint
+
+
+def _make_from_nodes(variant: Variant) -> wp.Function:
+    """Warp function: S, S_f, Ā per cell, τ̄, Σ w m̄ and the derivative along each axis [cells] of what a particle brought
+    to its nodes: mass, momentum m v with the affine part A per cell, impulse g and stress k τ."""
+    real, vec3, mat33, node_t = variant.real, variant.vec3, variant.mat33, variant.node_t
+    scatter_adjoint, rows = make_transfer(variant.scheme, real).scatter_adjoint, make_rows(variant)
+    row, first, second, column, moments = rows.row, rows.first, rows.second, rows.column, rows.moments
+    placed = rows.placed
+    classic = variant.scheme.force == "classic"
+
+    @wp.func(module="unique")
+    def from_nodes(
+        bar: wp.array[node_t], base: wp.int32, n: wp.vec3i, bx: wp.int32, by: wp.int32, bz: wp.int32, f: vec3,
+        m: real, v: vec3, A: mat33, g: vec3, k: real, tau: mat33, phi: real,
+    ):  # fmt: skip
+        q, T, z, o = m * v - A * f, k * tau, vec3(), real(0.0)
+        tau_bar = mat33()
+        if wp.static(classic):
+            sum, m0, m1, m2, g0, g1, g2, along = scatter_adjoint(
+                bar, base, n, bx, by, bz, f, placed(row(q, m, g), phi),
+                row(column(A, 0), o, z), row(column(A, 1), o, z), row(column(A, 2), o, z),
+                row(z, o, column(T, 0)), row(z, o, column(T, 1)), row(z, o, column(T, 2)),
+            )  # fmt: skip
+            tau_bar = k * wp.matrix_from_cols(second(g0), second(g1), second(g2))
+            along -= wp.transpose(A) * first(sum)
+        else:
+            sum, m0, m1, m2, along = scatter_adjoint(
+                bar, base, n, bx, by, bz, f, placed(row(q, m, g - T * f), phi),
+                row(column(A, 0), o, column(T, 0)),
+                row(column(A, 1), o, column(T, 1)),
+                row(column(A, 2), o, column(T, 2)),
+            )  # fmt: skip
+            tau_bar = k * moments(second(sum), second(m0), second(m1), second(m2), f)
+            along -= wp.transpose(A) * first(sum) + wp.transpose(T) * second(sum)
+        A_bar = moments(first(sum), first(m0), first(m1), first(m2), f)
+        return first(sum), second(sum), A_bar, tau_bar, sum[3], sum[7], along
+
+    return from_nodes

@@ -24,7 +24,7 @@ def make_g2p_adjoint(variant: Variant) -> wp.Kernel:
     driven, classic, keeps = len(drives) > 0, variant.scheme.force == "classic", variant.scheme.keeps
     turns = variant.scheme.retain > 0.0
     drive = make_drives(drives, real)
-    drive_t, hold_adjoint = drive.drive_t, drive.hold_adjoint
+    drive_t, hold, hold_adjoint = drive.drive_t, drive.hold, drive.hold_adjoint
     inverse = real(1 / variant.scheme.inertia)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -70,17 +70,17 @@ def make_g2p_adjoint(variant: Variant) -> wp.Kernel:
         base, lane = (p // per_scene) * nodes, (p // per) * nodes
         c = inverse * idx
         B, L, V_0, B_0 = around(grid_v, base, n, bx, by, bz, f, idx)
+        if wp.static(driven):
+            _v, L = hold(place, v[r], L, tag[p], drive_row, s)
         x_next = x_bar[p]
-        v_next, C_next = v_bar[p] + dt * x_next, C_bar[p]
+        v_next = v_bar[p] + dt * x_next
+        C_next = C_bar[p]
         if wp.static(driven):  # the values that hold overwrites do not matter to its adjoint
             r_bar, v_next, C_next = hold_adjoint(place, v[r], C[r], tag[p], drive_row, s, v_next, C_next)
             x_next += r_bar
         B_bar = C_next
-        e = r
-        if wp.static(plastic):
-            e = p
         A = dt * L
-        A_bar, e_bar = carried_adjoint(He_bar[p], He[e], A)
+        A_bar, e_bar = carried_adjoint(He_bar[p], He[wp.where(wp.static(plastic), p, r)], A)
         He_bar[p] = e_bar
         if wp.static(plastic):
             A_t, t_bar = carried_adjoint(H_bar[p], H[r], A)
@@ -98,6 +98,8 @@ def make_g2p_adjoint(variant: Variant) -> wp.Kernel:
             K = (real(-0.5) * dt) * (C_next + wp.transpose(C_next))
             B_bar += K * wp.transpose(L)
             L_bar += wp.transpose(B) * K
+        if wp.static(driven):
+            _r, _v_bar, L_bar = hold_adjoint(place, v[r], C[r], tag[p], drive_row, s, vec3(), L_bar)
         if wp.static(not classic):
             B_bar += L_bar
         B_bar = c * B_bar  # acts on offsets in cells

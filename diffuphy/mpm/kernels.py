@@ -48,7 +48,7 @@ def _make_p2g(variant: Variant) -> wp.Kernel:
     inside, cell, eye = spline.inside, spline.cell, spline.eye
     stress, branch_stress = mixture.stress, mixture.branch_stress
     plastic, memory, branched = mixture.is_plastic, len(mixture.memory) > 0, len(mixture.branches) > 0
-    mixes_e, mixes_p = mixture.Ke > 1, mixture.Kp > 1
+    material_of = rows.material_of
     body, driven, classic = variant.body, len(drives) > 0, variant.scheme.force == "classic"
     drive = make_drives(drives, real)
     drive_t, accelerate, hold = drive.drive_t, drive.accelerate, drive.hold
@@ -107,26 +107,23 @@ def _make_p2g(variant: Variant) -> wp.Kernel:
                 return
         step = steps[s]
         dt, kick = step[0], step[1]
-        w_e_p = w_e_t()
-        w_p_p = w_p_t()
-        if wp.static(mixes_e):
-            w_e_p = w_e[p]
-        if wp.static(mixes_p):
-            w_p_p = w_p[p]
+        w_e_p, w_p_p, theta_p = material_of(w_e, w_p, theta, p)
         F = eye() + He[r]
         if wp.static(memory):
-            tau, Fe, h = stress(F, w_e_p, w_p_p, theta[p], dt, memory_in[r])
+            tau, Fe, h = stress(F, w_e_p, w_p_p, theta_p, dt, memory_in[r])
             memory_out[to + p] = h
         else:
-            tau, Fe = stress(F, w_e_p, w_p_p, theta[p], dt)
+            tau, Fe = stress(F, w_e_p, w_p_p, theta_p, dt)
         if wp.static(plastic):
             He_out[p] = He[r] + (Fe - F)  # what does not flow keeps the digits that F rounds away
         if wp.static(branched):
             FN = eye() + HN[r]
-            tau_N, Fe_N = branch_stress(FN, theta[p], dt)
+            tau_N, Fe_N = branch_stress(FN, theta_p, dt)
             HN_out[p] = HN[r] + (Fe_N - FN)
             tau += tau_N
-        m_p, v_p, C_p = m[p], v[r], C[r]
+        m_p = m[p]
+        v_p = v[r]
+        C_p = C[r]
         a_p = vec3()
         if wp.static(driven):
             v_p, C_p = hold(place, v_p, C_p, tag[p], drive_row, s)
@@ -225,8 +222,7 @@ def _make_g2p(variant: Variant) -> wp.Kernel:
         if wp.static(sparse):
             if cells[(bx * n[1] + by) * n[2] + bz] == wp.uint8(0):
                 return
-        step = steps[s]
-        dt, alpha = step[0], step[2]
+        dt, alpha = steps[s][0], steps[s][2]
         base = (p // per) * (n[0] * n[1] * n[2])
         c = inverse * idx
         L = mat33()
@@ -239,8 +235,11 @@ def _make_g2p(variant: Variant) -> wp.Kernel:
         C_p = c * moments(v_p, first(m0), first(m1), first(m2), f)
         if wp.static(not classic):
             L = C_p
+        if wp.static(driven):
+            _v, L = hold(place, v_p, L, tag[p], drive_row, s)
         if wp.static(keeps):
-            v_0, C_0 = v[r], C[r]
+            v_0 = v[r]
+            C_0 = C[r]
             if wp.static(driven):
                 v_0, C_0 = hold(place, v_0, C_0, tag[p], drive_row, s)
             V_0 = second(sum)
@@ -253,10 +252,7 @@ def _make_g2p(variant: Variant) -> wp.Kernel:
         if wp.static(driven):
             v_p, C_p = hold(place, v_p, C_p, tag[p], drive_row, s)
         L = dt * L
-        e = r
-        if wp.static(plastic):
-            e = p
-        He_p = He[e]
+        He_p = He[wp.where(wp.static(plastic), p, r)]
         He_p += L + L * He_p
         if wp.determinant(eye() + He_p) <= real(0.0):
             wp.atomic_max(status, INVERTED, p + 1)

@@ -13,7 +13,9 @@ def make_rows(variant: Variant) -> SimpleNamespace:
 
 
 def _make_rows(v: Variant) -> SimpleNamespace:
-    real, vec3, mat33, node_t = v.real, v.vec3, v.mat33, v.node_t
+    real, vec3, mat33, node_t, mixture = v.real, v.vec3, v.mat33, v.node_t, v.mixture
+    w_e_t, w_p_t, theta_t = mixture.w_e_t, mixture.w_p_t, mixture.theta_t
+    mixes_e, mixes_p = mixture.Ke > 1, mixture.Kp > 1
 
     @wp.func(module="unique")
     def row(q: vec3, m: real, f: vec3) -> node_t:
@@ -72,7 +74,18 @@ def _make_rows(v: Variant) -> SimpleNamespace:
             return y
         return wp.log(u) * (y / (u - real(1.0)))
 
+    @wp.func(module="unique")
+    def material_of(w_e: wp.array[w_e_t], w_p: wp.array[w_p_t], theta: wp.array[theta_t], p: wp.int32):
+        """Weights and parameters of a particle; weights of a single law are not read."""
+        a, b = w_e_t(), w_p_t()
+        if wp.static(mixes_e):
+            a = w_e[p]
+        if wp.static(mixes_p):
+            b = w_p[p]
+        return a, b, theta[p]
+
     return SimpleNamespace(
         row=row, placed=placed, first=first, second=second, column=column, moments=moments, affine=affine,
+        material_of=material_of,
         carried_adjoint=carried_adjoint, log_det=log_det,
     )  # fmt: skip

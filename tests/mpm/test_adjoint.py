@@ -2,11 +2,24 @@
 computed."""
 
 import dataclasses
+import math
 
 import pytest
 import torch
 
-from diffuphy.mpm import HalfSpace, Scene, Sphere, rollout, simulate
+from diffuphy.mpm import (
+    Attractor,
+    Controls,
+    Drag,
+    HalfSpace,
+    Held,
+    InBox,
+    Scene,
+    Scheme,
+    Sphere,
+    rollout,
+    simulate,
+)
 from diffuphy.types import MaterialField
 from tests.mpm.bodies import block, field
 
@@ -32,6 +45,38 @@ LAWS = {
     "grains": (("hencky",), ("drucker_prager",)),
     "mixture": (("neo_hookean", "hencky"), ("identity", "von_mises", "drucker_prager")),
 }
+CORNER = (
+    HalfSpace(kind="slip"),
+    HalfSpace(kind="slip", point=(0.15, 0.0, 0.0), normal=(1.0, 0.0, 0.0)),
+    HalfSpace(kind="sticky", point=(0.0, 0.39, 0.0), normal=(0.0, -1.0, 0.0)),
+)
+"""Three mirrors, one of them sticky and above the body, with their edges and their corner."""
+MOVING = (
+    HalfSpace(friction=0.3, velocity=(0.1, 0.0, 0.05)),
+    HalfSpace(point=(0.12, 0.0, 0.0), normal=(1.0, 0.0, 0.2), kind="slip", start=0.002, velocity=(0.2, 0.0, 0.1)),
+)
+DRIVES = (
+    Attractor(center=(0.3, 0.1, 0.2), strength=5.0, radius=0.2),
+    Drag(velocity=(0.5, 0.0, 0.0), time=0.1, quadratic=0.3),
+    Held(
+        where=InBox(low=(0.1, 0.1, 0.15), high=(0.5, 0.25, 0.5)),
+        center=(0.2, 0.2, 0.2),
+        angular_velocity=(0.0, 1.0, 2.0),
+    ),
+)
+CASES = {
+    "plain": dataclasses.replace(SCENE, scheme=Scheme.mls()),
+    "mirrors": dataclasses.replace(SCENE, boundaries=CORNER, spin=(1.0, 8.0, -5.0)),
+    "apic": dataclasses.replace(SCENE, scheme=Scheme.apic()),
+    "cubic classic": dataclasses.replace(SCENE, scheme=Scheme(order=3, force="classic")),
+    "cubic mls": dataclasses.replace(SCENE, scheme=Scheme(order=3)),
+    "no half kick": dataclasses.replace(SCENE, scheme=Scheme(half_kick=False)),
+    "no retention": dataclasses.replace(SCENE, scheme=Scheme(retain=0.0)),
+    "no sharpening": dataclasses.replace(SCENE, scheme=Scheme(sharpen=False)),
+    "classic": dataclasses.replace(SCENE, scheme=Scheme(force="classic")),
+    "driven apic": dataclasses.replace(SCENE, scheme=Scheme.apic(), drives=DRIVES),
+}
+"""Scenes of the elastic body besides ``SCENE``; the variants of the first two are compiled in seconds."""
 
 
 def problem(laws: str):
@@ -56,7 +101,10 @@ def run(inputs: dict[str, torch.Tensor], vol: torch.Tensor, f: MaterialField, sc
     theta = f.theta | {k: v for k, v in inputs.items() if k in f.theta}
     weights = {k: inputs[k] for k in ("w_e", "w_p") if k in inputs}
     f = dataclasses.replace(f, theta=theta, rho=inputs["rho"], **weights)
-    return rollout(scene, inputs["x"], vol, f, velocity=inputs["velocity"], dt=1e-3, **options)
+    controls = Controls(*(inputs.get(k) for k in ("gravity", "wall friction", "wall velocity")))
+    return rollout(
+        scene, inputs["x"], vol, f, velocity=inputs["velocity"], dt=1e-3, controls=controls, **options
+    )  # fmt: skip
 
 
 def loss(out, seed: int = 0) -> torch.Tensor:
@@ -74,31 +122,65 @@ def gradients(inputs, vol, f, **options) -> dict[str, torch.Tensor]:
     return dict(zip(leaves, torch.autograd.grad(out, list(leaves.values())), strict=True))
 
 
-@pytest.mark.parametrize("laws", list(LAWS))
-def test_gradients_are_those_of_central_differences(laws):
-    """⟨∇L, δ⟩ = (L(θ + hδ) − L(θ − hδ)) / 2h for every input, through contact, friction and flow: two frames,
-    float64."""
-    inputs, vol, f = problem(laws)
-    exact = gradients(inputs, vol, f)
+def check_by_differences(inputs, vol, f, **options) -> None:
+    """⟨∇L, δ⟩ = (L(θ + hδ) − L(θ − hδ)) / 2h for every input."""
+    exact = gradients(inputs, vol, f, **options)
     for name, value in inputs.items():
         g = torch.Generator().manual_seed(7)
         delta = torch.randn(value.shape, generator=g, dtype=value.dtype) * value.abs().mean()
         expected = float((exact[name] * delta).sum())
         scale = float((exact[name] * delta).abs().sum())  # of the terms: their sum may cancel by chance
+        assert scale > 0, name
         errors = []
         for h in (1e-3, 1e-4, 1e-5, 1e-6, 1e-7):
-            up, down = (float(loss(run(inputs | {name: value + s * h * delta}, vol, f))) for s in (1, -1))
+            up, down = (float(loss(run(inputs | {name: value + s * h * delta}, vol, f, **options))) for s in (1, -1))
             errors.append(abs((up - down) / (2 * h) - expected) / scale)
         # truncation h² and rounding ε L/h balance near h = 1e-5 … 1e-6: 1e-10 L, some digits lost where L ≫ h ∇L
         assert min(errors) < 1e-7, f"{name}: {errors}"
 
 
 @pytest.mark.parametrize("laws", list(LAWS))
+def test_gradients_are_those_of_central_differences(laws):
+    """Through contact, friction and flow: two frames, float64."""
+    check_by_differences(*problem(laws))
+
+
+@pytest.mark.parametrize(
+    "case", [pytest.param(c, marks=() if c in ("plain", "mirrors") else pytest.mark.slow) for c in CASES]
+)
+def test_gradients_of_every_scheme_are_those_of_central_differences(case):
+    """Each part of the scheme has its own adjoint: forces, splines, kicks, retention with the material in its time
+    constant, sharpening with the mass in its weights, mirrors with their images."""
+    check_by_differences(*problem("elastic"), scene=CASES[case])
+
+
+@pytest.mark.parametrize("moving", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["driven", "moving walls"])
+def test_gradients_reach_gravity_walls_branches_and_drives(moving):
+    """A Hencky body that flows and relaxes beside a Maxwell branch, pulled by fields and partly held: gravity, the
+    parameters of the branch and an acceleration of every particle; with friction and velocity of moving walls."""
+    inputs, vol, f = problem("grains")
+    theta = f.theta | {k: torch.full_like(f.rho, v) for k, v in (
+        ("E_N", 1e4), ("relaxation_time", 5e-3), ("bulk_relaxation", 0.3)
+    )}  # fmt: skip
+    f = dataclasses.replace(f, theta=theta, branches=("maxwell",))
+    inputs |= {k: theta[k].clone() for k in ("E_N", "relaxation_time", "bulk_relaxation")}
+    del inputs["cohesion"]  # checked above
+    inputs["gravity"] = inputs["x"].new_tensor(SCENE.gravity)
+    scene = dataclasses.replace(SCENE, boundaries=(), drives=DRIVES)
+    if moving:
+        scene = dataclasses.replace(SCENE, boundaries=MOVING)
+        inputs["wall friction"] = inputs["x"].new_tensor([w.friction for w in MOVING])
+        inputs["wall velocity"] = inputs["x"].new_tensor([w.velocity for w in MOVING])
+    swing = torch.sin(20 * inputs["x"])
+    check_by_differences(inputs, vol, f, scene=scene, body=lambda t: math.cos(300 * t) * swing)
+
+
+@pytest.mark.parametrize("laws", list(LAWS))
 def test_gradients_do_not_depend_on_segments_and_repeat_to_the_last_bit(laws):
-    """Replaying 1, 3 or all substeps at a time gives the same bits; as do none and a second run."""
+    """Replaying 1, 3, as many as 17 or all substeps at a time gives the same bits; as do none and a second run."""
     inputs, vol, f = problem(laws)
     first = gradients(inputs, vol, f)
-    for how in ({}, {"segment": 1}, {"segment": 3}, {"keep": True}):
+    for how in ({}, {"segment": 1}, {"segment": 3}, {"segment": 17}, {"keep": True}):
         again = gradients(inputs, vol, f, **how)
         assert all(torch.equal(first[k], again[k]) for k in first)
 

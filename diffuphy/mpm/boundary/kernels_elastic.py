@@ -34,7 +34,7 @@ def make_filled(real: type, order: int) -> wp.Function:
     """X(φ) in cells for −(order + 1)/2 < φ ≤ ½, 0 beyond: mean distance of the matter of a node to a wall that it just
     touches."""
     half, third = real(0.5), real(1 / 3)
-    c0, c1, c2, c3 = (real(a) for a in ((13 / 64, 1 / 12, 0.375, 0.0) if order == 2 else (7 / 30, 1 / 12, 1 / 40, 0.0)))
+    c0, c1, c2 = (real(a) for a in ((13 / 64, 1 / 12, 0.375) if order == 2 else (7 / 30, 1 / 12, 1 / 40)))
 
     @wp.func(module="unique")
     def filled(phi: real) -> real:
