@@ -138,7 +138,7 @@ def simulate(
     count = scene.frames if frames is None else frames
     state, _ = members.watch(state, matter.m, 0)
     part = members.matter(matter)
-    clock = clock_of(part)
+    clock = clock_of(part if len(part.m) else matter)
     yield state
     for frame in range(count):
         if len(part.m) == 0:  # everybody has left
@@ -163,7 +163,7 @@ def simulate(
         yield state
         if some_left:
             part = members.matter(matter)
-            clock = clock_of(part)
+            clock = clock_of(part) if len(part.m) else clock
         if window is not None and (frame + 1) % window == 0:
             state = State(*(None if t is None else t.detach() for t in state.tensors()), state.time)  # type: ignore[arg-type]
 
