@@ -34,14 +34,16 @@ QUICK = {
     "rasteriser": ("--repeats", "1", "--out", "{out}"),
     "resume": ("--kills", "1"),
     "throughput": ("--particles", "2000", "--repeat", "2", "--out", "{out}"),
+    "verification": ("--tier", "0", "--out", "{out}"),
 }
 """Options under which each script takes about a minute; ``{out}`` is a folder that is thrown away."""
 
 
 def scripts() -> dict[str, str]:
-    """First sentence of every benchmark, by name."""
-    files = (p for p in sorted(HERE.glob("*.py")) if p != Path(__file__).resolve())
-    return {p.stem: docstring(p).splitlines()[0] for p in files}
+    """First sentence of every benchmark, a file or a folder, by name."""
+    found = {p.stem: p for p in HERE.glob("*.py") if not p.stem.startswith("__")}
+    found |= {p.parent.name: p for p in HERE.glob("*/__init__.py")}
+    return {name: docstring(found[name]).splitlines()[0] for name in sorted(found)}
 
 
 def docstring(path: Path) -> str:

@@ -55,7 +55,7 @@ def measure(case: str, n: int, dtype: torch.dtype, repeat: int) -> dict[str, flo
     mixture = make_mixture(elastic, plastic, REAL[dtype])
     matter = make_matter(field, vol, mixture.params, dtype)
     solver = Solver(mixture, scene.boundaries, scene.gravity, dtype, "cpu")
-    state = initial_state(scene, x, matter.m, mixture, 0.1 * torch.sin(10 * x))
+    state = initial_state(scene, x, matter, mixture, 0.1 * torch.sin(10 * x))
     span, _ = _span(scene, state, torch.full((n,), 11.6), None)
     span = dataclasses.replace(span, n_sub=N_SUB)
     forward, backward, kept_backward = [], [], []

@@ -3,6 +3,7 @@
 ELASTIC, PLASTIC    the laws, by name; the order is the index in checkpoints
 make_mixture        Warp functions of a mixture: stress, return map, closed-form adjoint
 wave_speed          what bounds the time step
+kirchhoff, energy, return_map, remember     a law at a material point, on torch tensors, differentiable
 PRESETS, lookup     material words ("rubber", "sand") as laws and parameters
 """
 
@@ -10,6 +11,7 @@ from .elastic import ELASTIC
 from .expert import Elastic, Layout, Param, Plastic
 from .mixture import Mixture, make_mixture, rate_gate, wave_speed
 from .plastic import PLASTIC
+from .point import energy, kirchhoff, remember, return_map
 from .preset import Preset
 from .presets import PRESETS, candidates, lookup
 
@@ -24,8 +26,12 @@ __all__ = [
     "Plastic",
     "Preset",
     "candidates",
+    "energy",
+    "kirchhoff",
     "lookup",
     "make_mixture",
     "rate_gate",
+    "remember",
+    "return_map",
     "wave_speed",
 ]

@@ -28,7 +28,7 @@ class LinalgFunctions:
     decompose: Any
     """F → (B, V, s2): B = F V with orthogonal columns, V orthonormal columns, s2_i = |b_i|²."""
     principal: Any
-    """F → (B, V, s, e): the same with principal stretches s_i > 0 and e_i = ln s_i; NaN where det F ≤ 0."""
+    """F → (B, V, s, e): the same with principal stretches s_i > 0, e_i = ln s_i; NaN where det F ≤ 0, to rounding."""
     polar: Any
     """F → R, the rotation nearest to F, for det F > 0."""
     cofactor: Any
@@ -47,6 +47,9 @@ def build(real: Any) -> LinalgFunctions:
     c0, c1, c2, c3 = (real(c) for c in ROOT)
     done = real(1e-9 if real is wp.float32 else 1e-18)  # |ΔR|² after which the next change is below one ulp
     slack = real((6 * (2**-23 if real is wp.float32 else 2**-52)) ** 2)  # columns count as orthogonal to 6 ulp
+    flat = real(
+        2**-23 if real is wp.float32 else 2**-52
+    )  # a stretch below one ulp of the largest may be zero or negative
     tiny = real(1e-30 if real is wp.float32 else 1e-290)
 
     @wp.func(module="unique")
@@ -168,7 +171,12 @@ def build(real: Any) -> LinalgFunctions:
         B, V, s2 = decompose(F)
         s = vec3(wp.sqrt(s2[0]), wp.sqrt(s2[1]), wp.sqrt(s2[2]))
         e = vec3(wp.log(s[0]), wp.log(s[1]), wp.log(s[2]))
-        if not wp.determinant(F) > real(0.0):
+        # V is a rotation, so B has the sign of F; its columns are orthogonal, so here the sign survives any condition
+        b0 = vec3(B[0, 0], B[1, 0], B[2, 0])
+        b1 = vec3(B[0, 1], B[1, 1], B[2, 1])
+        b2 = vec3(B[0, 2], B[1, 2], B[2, 2])
+        least = wp.min(s[0], wp.min(s[1], s[2]))
+        if not (wp.dot(wp.cross(b0, b1), b2) > real(0.0) and least > flat * wp.max(s[0], wp.max(s[1], s[2]))):
             e = vec3(nan, nan, nan)
             s = e
         return B, V, s, e

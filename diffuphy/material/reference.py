@@ -24,15 +24,15 @@ def kirchhoff(F: Tensor, law: str, params: Mapping[str, float | Tensor]) -> Tens
     Raises:
         ValueError: unknown law, missing or impossible parameter, det F ≤ 0.
     """
-    found, theta = _law(law, ELASTIC, params, F)
+    theta = check_law(law, ELASTIC, params, F)
     U, s, _ = _svd(F)
-    return (U * found.stress(s.log(), theta)[..., None, :]) @ U.mT
+    return (U * ELASTIC[law].stress(s.log(), theta)[..., None, :]) @ U.mT
 
 
 def energy(F: Tensor, law: str, params: Mapping[str, float | Tensor]) -> Tensor:
     """Stored energy ψ per unit rest volume [Pa], shape (...,), of one elastic law. Raises as :func:`kirchhoff`."""
-    found, theta = _law(law, ELASTIC, params, F)
-    return found.energy(_svd(F)[1].log(), theta)
+    theta = check_law(law, ELASTIC, params, F)
+    return ELASTIC[law].energy(_svd(F)[1].log(), theta)
 
 
 def return_map(
@@ -48,20 +48,25 @@ def return_map(
 
     Raises as :func:`kirchhoff`.
     """
-    found, theta = _law(law, PLASTIC, params, F)
+    theta = check_law(law, PLASTIC, params, F)
     U, s, Vh = _svd(F)
     e = s.log()
     tr = e.sum(-1)
     dev = e - tr[..., None] / 3
     new = {"log_J": tr, "slip": torch.zeros_like(tr), "heat": torch.zeros_like(tr)}
-    past = ({**new, **(memory or {})},) if found.memory else ()
-    a, b = found.flow(dev.norm(dim=-1), tr, theta, dt, *past)
+    past = ({**new, **(memory or {})},) if PLASTIC[law].memory else ()
+    a, b = PLASTIC[law].flow(dev.norm(dim=-1), tr, theta, dt, *past)
     return (U * torch.exp(e + b[..., None] - a[..., None] * dev)[..., None, :]) @ Vh
 
 
-def _law(
+def check_law(
     name: str, registry: Mapping[str, Law], params: Mapping[str, float | Tensor], F: Tensor
-) -> tuple[Law, dict[str, Tensor]]:
+) -> dict[str, Tensor]:
+    """The parameters of a law as tensors like F.
+
+    Raises:
+        ValueError: unknown law, missing or impossible parameter.
+    """
     if name not in registry:
         raise ValueError(f"unknown law {name!r}; known: {', '.join(registry)}")
     law = registry[name]
@@ -70,11 +75,18 @@ def _law(
     theta = {p.name: torch.as_tensor(params[p.name], dtype=F.dtype, device=F.device) for p in law.params}
     if "E" in theta:
         moduli.check(theta)
-    return law, theta
+    return theta
+
+
+def check_state(F: Tensor) -> None:
+    """Raises:
+    ValueError: det F ≤ 0 or not a number, for some F.
+    """
+    det = torch.linalg.det(F.detach())
+    if not bool((det > 0).all()):
+        raise ValueError(f"det F must be positive, got {float(det.min()):g}: such a state of matter does not exist")
 
 
 def _svd(F: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    det = torch.linalg.det(F)
-    if not bool((det > 0).all()):
-        raise ValueError(f"det F must be positive, got {float(det.min()):g}: such a state of matter does not exist")
+    check_state(F)
     return torch.linalg.svd(F)

@@ -17,9 +17,10 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from diffuphy.material import linalg
+from diffuphy.mpm.adjoint_g2p import make_g2p_adjoint
+from diffuphy.mpm.boundary import make_contact
 from diffuphy.mpm.drive import make_drives
-from diffuphy.mpm.kernels import make_rows
+from diffuphy.mpm.rows import make_rows
 from diffuphy.mpm.transfer import make_transfer
 from diffuphy.mpm.variant import Variant
 
@@ -34,144 +35,7 @@ def make_adjoint(variant: Variant) -> SimpleNamespace:
 
 
 def _make_adjoint(variant: Variant) -> SimpleNamespace:
-    return SimpleNamespace(g2p_adjoint=_make_g2p_adjoint(variant), p2g_adjoint=_make_p2g_adjoint(variant))
-
-
-def _make_g2p_adjoint(variant: Variant) -> wp.Kernel:
-    mixture, real = variant.mixture, variant.real
-    vec3, mat33, node_t, step_t = variant.vec3, variant.mat33, variant.node_t, variant.step_t
-    memory_t = mixture.memory_t
-    transfer, rows, drives = make_transfer(variant.scheme, real), make_rows(variant), variant.drives
-    spline, gather, gather_adjoint = transfer.spline, transfer.gather, transfer.gather_adjoint
-    row, first, second, column, moments = rows.row, rows.first, rows.second, rows.column, rows.moments
-    cell, eye, cofactor = spline.cell, spline.eye, linalg.build(real).cofactor
-    plastic, branched = mixture.is_plastic, len(mixture.branches) > 0
-    opens = "log_J" in mixture.memory
-    at_log_J = mixture.memory.index("log_J") if opens else 0
-    driven, classic, keeps = len(drives) > 0, variant.scheme.force == "classic", variant.scheme.keeps
-    turns = variant.scheme.retain > 0.0
-    drive = make_drives(drives, real)
-    drive_t, hold_adjoint = drive.drive_t, drive.hold_adjoint
-    inverse = real(1 / variant.scheme.inertia)
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def g2p_adjoint(
-        X: wp.array[vec3],
-        u: wp.array[vec3],
-        v: wp.array[vec3],
-        C: wp.array[mat33],
-        He: wp.array[mat33],  # elastic part minus I: with plasticity after flow, one row a particle, else rows as u
-        H: wp.array[mat33],  # total minus I, only with plasticity
-        HN: wp.array[mat33],  # viscous branch after flow, one row a particle
-        grid_v: wp.array[node_t],
-        tag: wp.array[wp.int32],
-        drive_row: wp.array2d[drive_t],
-        low: vec3,
-        dx: real,
-        n: wp.vec3i,
-        per_scene: wp.int32,
-        per: wp.int32,  # particles of a lane of ``bar``
-        steps: wp.array[step_t],
-        s: wp.int32,
-        at: wp.int32,  # first row of the beginning of the step
-        start: wp.int32,
-        x_bar: wp.array[vec3],  # in: of the end, out: of the beginning, the p2g part still missing; likewise below
-        v_bar: wp.array[vec3],
-        C_bar: wp.array[mat33],
-        He_bar: wp.array[mat33],  # out: of Fe
-        H_bar: wp.array[mat33],
-        HN_bar: wp.array[mat33],  # out: of the branch after flow
-        memory_bar: wp.array[memory_t],
-        bar: wp.array[node_t],  # (lanes · nodes,) of the velocities after and before the step   out
-        alpha_bar: wp.array[real],  # (N,) of α, summed over substeps
-        need_alpha: bool,
-    ):
-        p = start + wp.tid()
-        r = at + p
-        idx = real(1.0) / dx
-        place = (X[p] - low) + u[r]
-        bx, by, bz, f = cell(place * idx)
-        step = steps[s]
-        dt, alpha = step[0], step[2]
-        nodes = n[0] * n[1] * n[2]
-        base, lane = (p // per_scene) * nodes, (p // per) * nodes
-        c = inverse * idx
-        L = mat33()
-        if wp.static(classic):
-            sum, m0, m1, m2, g0, g1, g2 = gather(grid_v, base, n, bx, by, bz, f)
-            L = wp.matrix_from_cols(idx * first(g0), idx * first(g1), idx * first(g2))
-        else:
-            sum, m0, m1, m2 = gather(grid_v, base, n, bx, by, bz, f)
-        B = c * moments(first(sum), first(m0), first(m1), first(m2), f)
-        if wp.static(not classic):
-            L = B
-        x_next = x_bar[p]
-        v_next, C_next = v_bar[p] + dt * x_next, C_bar[p]
-        if wp.static(driven):  # the values that hold overwrites do not matter to its adjoint
-            r_bar, v_next, C_next = hold_adjoint(place, v[r], C[r], tag[p], drive_row, s, v_next, C_next)
-            x_next += r_bar
-        B_bar = C_next
-        e = r
-        if wp.static(plastic):
-            e = p
-        e_bar = He_bar[p]
-        L_bar = dt * (e_bar + e_bar * wp.transpose(He[e]))
-        A = dt * wp.transpose(L)
-        He_bar[p] = e_bar + A * e_bar
-        if wp.static(plastic):
-            t_bar = H_bar[p]
-            L_bar += dt * (t_bar + t_bar * wp.transpose(H[r]))
-            H_bar[p] = t_bar + A * t_bar
-        if wp.static(branched):
-            n_bar = HN_bar[p]
-            L_bar += dt * (n_bar + n_bar * wp.transpose(HN[p]))
-            HN_bar[p] = n_bar + A * n_bar
-        if wp.static(opens):  # d ln det A = A⁻ᵀ : dA, A = I + Δt L
-            D = eye() + dt * L
-            L_bar += (dt * memory_bar[p][wp.static(at_log_J)] / wp.determinant(D)) * cofactor(D)
-        if wp.static(turns):
-            K = (real(-0.5) * dt) * (C_next + wp.transpose(C_next))
-            B_bar += K * wp.transpose(L)
-            L_bar += wp.transpose(B) * K
-        if wp.static(not classic):
-            B_bar += L_bar
-        B_bar = c * B_bar  # acts on offsets in cells
-        V0_bar, B0_bar, o = vec3(), mat33(), real(0.0)
-        if wp.static(keeps):
-            V0_bar = -alpha * v_next
-            B0_bar = (-alpha * c) * C_next
-            v_0_bar, C_0_bar = alpha * v_next, alpha * C_next
-            if need_alpha and dt > real(0.0):
-                V_0 = second(sum)
-                lost = c * moments(V_0, second(m0), second(m1), second(m2), f) - C[r]
-                alpha_bar[p] = alpha_bar[p] + wp.dot(v_next, v[r] - V_0) - wp.ddot(C_next, lost)
-            if wp.static(driven):
-                r_bar, v_0_bar, C_0_bar = hold_adjoint(place, v[r], C[r], tag[p], drive_row, s, v_0_bar, C_0_bar)
-                x_next += r_bar
-            v_bar[p] = v_0_bar
-            C_bar[p] = C_0_bar
-        else:
-            v_bar[p] = vec3()
-            C_bar[p] = mat33()
-        q = row(v_next - B_bar * f, o, V0_bar - B0_bar * f)
-        b0 = row(column(B_bar, 0), o, column(B0_bar, 0))
-        b1 = row(column(B_bar, 1), o, column(B0_bar, 1))
-        b2 = row(column(B_bar, 2), o, column(B0_bar, 2))
-        if wp.static(classic):
-            L_bar = idx * L_bar
-            z = vec3()
-            mean, along = gather_adjoint(
-                grid_v, base, bar, lane, n, bx, by, bz, f, q, b0, b1, b2,
-                row(column(L_bar, 0), o, z), row(column(L_bar, 1), o, z), row(column(L_bar, 2), o, z),
-            )  # fmt: skip
-        else:
-            mean, along = gather_adjoint(grid_v, base, bar, lane, n, bx, by, bz, f, q, b0, b1, b2)
-        along -= wp.transpose(B_bar) * first(mean)
-        if wp.static(keeps):
-            along -= wp.transpose(B0_bar) * second(mean)
-        x_bar[p] = x_next + idx * along
-
-    return g2p_adjoint
+    return SimpleNamespace(g2p_adjoint=make_g2p_adjoint(variant), p2g_adjoint=_make_p2g_adjoint(variant))
 
 
 def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
@@ -191,6 +55,8 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
     drive_t, accelerate, accelerate_adjoint = drive.drive_t, drive.accelerate, drive.accelerate_adjoint
     hold, hold_adjoint = drive.hold, drive.hold_adjoint
     inverse = real(1 / variant.scheme.inertia)
+    contact, elastic, placed = make_contact(variant.walls, real, variant.scheme.order), variant.elastic, rows.placed
+    nearest, wall_t = contact.nearest, contact.wall_t
 
     @wp.kernel(module="unique", enable_backward=False)
     def p2g_adjoint(
@@ -209,6 +75,9 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
         b: wp.array[vec3],
         tag: wp.array[wp.int32],
         drive_row: wp.array2d[drive_t],
+        wall_row: wp.array2d[wall_t],
+        sdf: wp.array[real],
+        ws: wp.int32,
         low: vec3,
         dx: real,
         n: wp.vec3i,
@@ -269,19 +138,26 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
         q3, f3 = m_p * v_p - A * f, (kick * m_p) * a_p
         base = (p // per_scene) * (n[0] * n[1] * n[2])
         tau_bar = mat33()
+        brought = row(q3, m_p, f3)
+        if wp.static(not classic):
+            k *= inverse
+            T = k * tau
+            brought = row(q3, m_p, f3 - T * f)
+        phi, normal = real(0.0), vec3()
+        if wp.static(elastic):
+            phi, normal = nearest(place, dx, wall_row, sdf, ws)
+            brought = placed(brought, phi)
         if wp.static(classic):
             sum, m0, m1, m2, g0, g1, g2, along = scatter_adjoint(
-                bar, base, n, bx, by, bz, f, row(q3, m_p, f3),
+                bar, base, n, bx, by, bz, f, brought,
                 row(column(A, 0), o, z), row(column(A, 1), o, z), row(column(A, 2), o, z),
                 row(z, o, column(T, 0)), row(z, o, column(T, 1)), row(z, o, column(T, 2)),
             )  # fmt: skip
             tau_bar = k * wp.matrix_from_cols(second(g0), second(g1), second(g2))
             along -= wp.transpose(A) * first(sum)
         else:
-            k *= inverse
-            T = k * tau
             sum, m0, m1, m2, along = scatter_adjoint(
-                bar, base, n, bx, by, bz, f, row(q3, m_p, f3 - T * f),
+                bar, base, n, bx, by, bz, f, brought,
                 row(column(A, 0), o, column(T, 0)),
                 row(column(A, 1), o, column(T, 1)),
                 row(column(A, 2), o, column(T, 2)),
@@ -295,6 +171,8 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
             r_b, v_a = accelerate_adjoint(place, v_p, tag[p], drive_row, s, (kick * m_p) * S_f)
             r_h, v_b, C_b = hold_adjoint(place, v[r], C[r], tag[p], drive_row, s, v_b + v_a, C_b)
             x_b += r_b + r_h
+        if wp.static(elastic):
+            x_b += (m_p * sum[7] * idx) * normal
         x_bar[p] = x_bar[p] + x_b
         v_bar[p] = v_bar[p] + v_b
         C_bar[p] = C_bar[p] + C_b
@@ -318,5 +196,7 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
             theta_bar[p] = theta_bar[p] + th_b
         if need_m:
             m_bar[p] = m_bar[p] + wp.dot(S, v_p) + dx * wp.ddot(A_bar, C_p) + sum[3] + kick * wp.dot(S_f, a_p)
+            if wp.static(elastic):
+                m_bar[p] = m_bar[p] + sum[7] * phi
 
     return p2g_adjoint

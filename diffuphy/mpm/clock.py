@@ -46,9 +46,8 @@ class Clock:
         theta = dict(zip(solver.mixture.params, matter.theta.T, strict=True))
         rest = wave_speed(tuple(field.elastic), matter.w_e, theta, matter.m / matter.vol, tuple(field.branches))
         self.rest = rest.detach()
-        retain = scene.scheme.retain
-        self.rate = rest.max() / (retain * scene.dx) if retain > 0.0 else None
-        """1/τ of the retention [1/s]; a function of the material."""
+        self.top = rest.max() if scene.scheme.retain > 0.0 or solver.variant.elastic else None
+        """Fastest wave at rest [m/s] as a function of the material, if retention or contact go by it."""
 
     @property
     def wave(self) -> float:
@@ -65,7 +64,9 @@ class Clock:
 
     def speed(self, state: State) -> float:
         """A bound on the speed of a particle in the next frame [m/s]."""
-        walls = max((b.speed for b in self.scene.boundaries), default=0.0)
+        x = state.x.detach()
+        ends = x.amin(0).tolist(), x.amax(0).tolist()
+        walls = max((b.speed_within(*ends, state.time) for b in self.scene.boundaries), default=0.0)
         return float(state.v.detach().norm(dim=1).max()) + math.hypot(*self.scene.gravity) / self.scene.fps + walls
 
     def span(self, state: State) -> Span:
@@ -91,8 +92,8 @@ class Clock:
             )
         scheme = self.scene.scheme
         n_sub = math.ceil(T / step)
-        rate = None if self.rate is None else float(self.rate.detach())
-        span = Span(self._block(state, speed), state.time, T / n_sub, n_sub, rate, scheme.half_kick)
+        block = self._block(state, speed)
+        span = Span(block, state.time, T / n_sub, n_sub, self.wave, scheme.retain, scheme.half_kick)
         return self._thinned(span, state, speed)
 
     def _thinned(self, span: Span, state: State, speed: float) -> Span:

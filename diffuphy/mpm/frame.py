@@ -17,8 +17,8 @@ class Frame(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, solver: Solver, span: Span, replay: dict[str, Any], end: State, *parts: Tensor | None) -> Any:
-        """Hand out ``end``, which the solver made from ``parts``: vol, tag, those of a state, w_e, w_p, θ, m, and
-        that of the retention, and those of the controls."""
+        """Hand out ``end``, which the solver made from ``parts``: vol, tag, those of a state, w_e, w_p, θ, m,
+        the fastest wave, and those of the controls."""
         ctx.solver, ctx.span, ctx.replay = solver, span, replay
         ctx.save_for_backward(*parts)
         return end.tensors()
@@ -27,9 +27,9 @@ class Frame(torch.autograd.Function):
     def backward(ctx: Any, *grads: Tensor | None) -> tuple[Any, ...]:
         vol, tag, *parts = ctx.saved_tensors
         state, matter = State(*parts[:7]), Matter(*parts[7:11], vol, tag)
-        rate, controls = parts[11], Controls(*parts[12:])
+        wave, controls = parts[11], Controls(*parts[12:])
         need = ctx.needs_input_grad[17:]
-        wanted = {"alpha": need[0], "gravity": need[1], "walls": any(need[2:])}
+        wanted = {"wave": need[0], "gravity": need[1], "walls": any(need[2:])}
         run = (state, matter, ctx.span)
 
         def bars() -> Bars:
@@ -39,12 +39,13 @@ class Frame(torch.autograd.Function):
         if unbounded(out) is not None:
             raise blame_gradient(ctx.solver, *run, bars(), ctx.needs_input_grad[13:17], **wanted)
         span = ctx.span
-        rate_bar = None if out.alpha is None else (-span.dt * span.alpha * out.alpha.sum()).to(rate)
+        alpha, omega = (0.0 if t is None else float(t.sum()) for t in (out.alpha, out.omega))
+        wave_bar = wave.new_tensor(span.wave_bar(alpha, omega)) if need[0] else None
         of_state = (out.x, out.v, out.C, out.He, out.H, out.memory, out.HN)
         return (
             (None,) * 6
             + of_state
-            + (out.w_e, out.w_p, out.theta, out.m, rate_bar)
+            + (out.w_e, out.w_p, out.theta, out.m, wave_bar)
             + controls.bars(out.gravity, out.walls)
         )
 
@@ -60,7 +61,7 @@ def joined(
     clock: Clock, span: Span, replay: dict[str, Any], end: State, start: State, matter: Matter, controls: Controls
 ) -> State:
     """``end`` as a function of ``start``, ``matter`` and ``controls``, if anything there wants a gradient."""
-    wanted = (*start.tensors(), *matter.tensors()[:4], clock.rate, *controls.tensors())
+    wanted = (*start.tensors(), *matter.tensors()[:4], clock.top, *controls.tensors())
     if not any(t is not None and t.requires_grad for t in wanted):
         return end
     parts = tuple(None if t is None else t.contiguous() for t in wanted)

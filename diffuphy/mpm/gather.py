@@ -5,7 +5,8 @@
 
 f_i is the impulse that ``p2g`` brings to a node beside its momentum. Hence, with the velocities of two frames,
 
-    v_p(end) − v_p(start) = expected_dv_p + the filter Σ_substeps (Σ_i w_ip v⁰_i − v_p) + walls,
+    v_p(end) − v_p(start) = expected_dv_p + the filter Σ_substeps [(1 − α)(Σ_i w_ip v⁰_i − v_p) + Σ_i w_ip (S a)_i/m_i]
+                            + walls,
     Σ_p m_p (v_p(end) − v_p(start)) = M g T + impulse,
 
 the latter to rounding, since the transfer keeps momentum. Both sums are taken in the forward pass and are constants of
@@ -21,7 +22,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from diffuphy.mpm.kernels import make_rows
+from diffuphy.mpm.rows import make_rows
 from diffuphy.mpm.transfer import make_transfer
 from diffuphy.mpm.variant import Variant
 

@@ -20,7 +20,9 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from diffuphy.mpm.boundary import make_contact
 from diffuphy.mpm.drive import make_drives
+from diffuphy.mpm.rows import make_rows
 from diffuphy.mpm.transfer import make_transfer
 from diffuphy.mpm.variant import Variant
 
@@ -31,55 +33,6 @@ LEFT, INVERTED, FAST = 0, 1, 2
 def make_kernels(variant: Variant) -> SimpleNamespace:
     """The kernels ``p2g`` and ``g2p`` of a substep. Cached; safe to call from several threads."""
     return variant.made(_make_kernels)
-
-
-def make_rows(variant: Variant) -> SimpleNamespace:
-    """Warp functions that make the rows of a particle and take them apart. Cached."""
-    return variant.made(_make_rows)
-
-
-def _make_rows(v: Variant) -> SimpleNamespace:
-    real, vec3, mat33, node_t = v.real, v.vec3, v.mat33, v.node_t
-
-    @wp.func(module="unique")
-    def row(q: vec3, m: real, f: vec3) -> node_t:
-        """Momentum, mass and what the step adds to the momentum."""
-        return node_t(q[0], q[1], q[2], m, f[0], f[1], f[2], real(0.0))
-
-    @wp.func(module="unique")
-    def first(r: node_t) -> vec3:
-        return vec3(r[0], r[1], r[2])
-
-    @wp.func(module="unique")
-    def second(r: node_t) -> vec3:
-        return vec3(r[4], r[5], r[6])
-
-    @wp.func(module="unique")
-    def column(A: mat33, i: wp.int32) -> vec3:
-        return vec3(A[0, i], A[1, i], A[2, i])
-
-    @wp.func(module="unique")
-    def moments(s: vec3, a: vec3, b: vec3, c: vec3, f: vec3) -> mat33:
-        """Σ w v dᵀ from Σ w v and Σ w v iᵀ."""
-        return wp.matrix_from_cols(a - s * f[0], b - s * f[1], c - s * f[2])
-
-    @wp.func(module="unique")
-    def log_det(L: mat33) -> real:
-        """ln det(I + L) to the digits of L: ln u · y/(u − 1) makes good the rounding of u = 1 + y (Kahan)."""
-        minors = (
-            L[0, 0] * L[1, 1] - L[0, 1] * L[1, 0]
-            + L[1, 1] * L[2, 2] - L[1, 2] * L[2, 1]
-            + L[2, 2] * L[0, 0] - L[2, 0] * L[0, 2]
-        )  # fmt: skip
-        y = wp.trace(L) + minors + wp.determinant(L)
-        u = real(1.0) + y
-        if u == real(1.0):
-            return y
-        return wp.log(u) * (y / (u - real(1.0)))
-
-    return SimpleNamespace(
-        row=row, first=first, second=second, column=column, moments=moments, log_det=log_det
-    )  # fmt: skip
 
 
 def _make_kernels(v: Variant) -> SimpleNamespace:
@@ -100,6 +53,8 @@ def _make_p2g(variant: Variant) -> wp.Kernel:
     drive = make_drives(drives, real)
     drive_t, accelerate, hold = drive.drive_t, drive.accelerate, drive.hold
     inverse, sparse = real(1 / variant.scheme.inertia), variant.sparse
+    contact, elastic, placed = make_contact(variant.walls, real, variant.scheme.order), variant.elastic, rows.placed
+    nearest, wall_t = contact.nearest, contact.wall_t
 
     @wp.kernel(module="unique", enable_backward=False)
     def p2g(
@@ -118,6 +73,9 @@ def _make_p2g(variant: Variant) -> wp.Kernel:
         b: wp.array[vec3],  # (N,) [m/s²]  only with a body acceleration
         tag: wp.array[wp.int32],  # (N,)  only with drives
         drive_row: wp.array2d[drive_t],  # (substeps, drives)
+        wall_row: wp.array2d[wall_t],  # (substeps, walls)  only with elastic walls
+        sdf: wp.array[real],
+        ws: wp.int32,  # row of this substep
         low: vec3,  # [m]  lowest node
         dx: real,
         n: wp.vec3i,  # nodes along each axis
@@ -182,16 +140,22 @@ def _make_p2g(variant: Variant) -> wp.Kernel:
             f3 += (kick * m_p) * a_p
         z, o = vec3(), real(0.0)
         base = (p // per) * (n[0] * n[1] * n[2])
+        brought = row(q3, m_p, f3)
+        if wp.static(not classic):
+            T = inverse * T
+            brought = row(q3, m_p, f3 - T * f)
+        if wp.static(elastic):
+            phi, _n = nearest(place, dx, wall_row, sdf, ws)
+            brought = placed(brought, phi)
         if wp.static(classic):
             scatter(
-                grid, base, n, bx, by, bz, f, row(q3, m_p, f3),
+                grid, base, n, bx, by, bz, f, brought,
                 row(column(A, 0), o, z), row(column(A, 1), o, z), row(column(A, 2), o, z),
                 row(z, o, column(T, 0)), row(z, o, column(T, 1)), row(z, o, column(T, 2)),
             )  # fmt: skip
         else:
-            T = inverse * T
             scatter(
-                grid, base, n, bx, by, bz, f, row(q3, m_p, f3 - T * f),
+                grid, base, n, bx, by, bz, f, brought,
                 row(column(A, 0), o, column(T, 0)),
                 row(column(A, 1), o, column(T, 1)),
                 row(column(A, 2), o, column(T, 2)),

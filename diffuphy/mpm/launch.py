@@ -108,7 +108,7 @@ class Arguments:
         times = span.start + span.dt * np.arange(1 if self.still else span.steps)
         if span.half_kick and not self.still:  # the last kick belongs to what ends with the frame
             times[-1] -= 1e-6 * span.dt
-        return self.array(rows(self.boundaries, span.grid, times), kind)
+        return self.array(rows(self.boundaries, span.grid, times, self.variant.scheme.contact == "elastic"), kind)
 
     def driven(self, span: Span, matter: Matter) -> wp.array:
         """Drive data of every round."""
@@ -172,7 +172,7 @@ class Bound:
         self.drive = args.driven(span, matter)
         count = grid.nodes * lanes.scenes
         self.grid = args.nodal("grid", count * lanes.copies, v.node_t, clear=self.rows)
-        self.acc = args.nodal("acc", count, v.node_t)
+        self.acc = args.nodal("acc", count if v.two_passes else 1, v.node_t)
         self.sigma = args.nodal("sigma", count if v.scheme.sharpen else 1, v.node_t)
         self.grid_v = args.nodal("grid_v", count, v.node_t)
 

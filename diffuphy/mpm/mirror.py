@@ -2,7 +2,8 @@
 
 A half-space that holds the normal direction always (slip, sticky), stands still and has its normal along an axis acts
 as a mirror when its plane is a plane of nodes: the grid is shifted so that the first such wall of an axis has one, and
-others of that axis are mirrors if they are a whole number of cells away. Walls that separate are not mirrors: which of
+the one opposite is a mirror too if it is a whole number of cells away, and more than twice the reach of a mirror, so
+that no node has two images along an axis. Walls that separate are not mirrors: which of
 their nodes touch is decided one by one, and with friction that is the more exact way (``docs/boundaries.md``).
 """
 
@@ -75,8 +76,9 @@ def mirrors(boundaries: Sequence[Boundary], dx: float) -> tuple[Mirrors, tuple[B
             shift[axis] = place / dx - math.floor(place / dx)
             sticky[axis] = b.kind == "sticky"
         off = place / dx - shift[axis]
-        side = low if up else high
-        if side[axis] is not None or abs(off - round(off)) > SLACK or sticky[axis] != (b.kind == "sticky"):
+        side, other = (low, high)[:: 1 if up else -1]
+        near = other[axis] is not None and (other[axis] - place) * (1 if up else -1) < (2 * REACH + 0.5) * dx
+        if side[axis] is not None or abs(off - round(off)) > SLACK or sticky[axis] != (b.kind == "sticky") or near:
             rest.append(b)
             continue
         side[axis] = place

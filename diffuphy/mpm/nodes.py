@@ -14,7 +14,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from diffuphy.mpm.boundary import make_contact
+from diffuphy.mpm.boundary import DAMPING, make_contact
 from diffuphy.mpm.mirror import make_reflection
 from diffuphy.mpm.places import make_places
 from diffuphy.mpm.sharpen import make_sharpening
@@ -49,7 +49,9 @@ def _make_divide(v: Variant) -> wp.Kernel:
         sticky: wp.vec3i,
         start: wp.int32,
         active: wp.array[wp.int32],  # rows that are worked on, only if sparse
-        acc: wp.array[node_t],  # (scenes · nodes,) velocity [m/s], mass [kg], velocity change [m/s]   out
+        acc: wp.array[
+            node_t
+        ],  # (scenes · nodes,) velocity [m/s], mass [kg], velocity change [m/s], distance [Δx]   out
     ):
         o = start + wp.tid()
         if wp.static(sparse):
@@ -66,7 +68,7 @@ def _make_divide(v: Variant) -> wp.Kernel:
         m = r[3]
         if m > real(0.0):
             acc[o] = node_t(
-                r[0] / m, r[1] / m, r[2] / m, m, r[4] / m + g[0], r[5] / m + g[1], r[6] / m + g[2], real(0.0)
+                r[0] / m, r[1] / m, r[2] / m, m, r[4] / m + g[0], r[5] / m + g[1], r[6] / m + g[2], r[7] / m
             )
         else:
             acc[o] = node_t()
@@ -95,9 +97,10 @@ def make_free(v: Variant) -> wp.Function:
 
 def _make_move(v: Variant) -> wp.Kernel:
     real, vec3, node_t, step_t = v.real, v.vec3, v.node_t, v.step_t
-    contact, index, summed = make_contact(v.walls, real), make_places().index, make_reflection(v).summed
+    contact, index, summed = make_contact(v.walls, real, v.scheme.order), make_places().index, make_reflection(v).summed
     apply, wall_t, has_walls = contact.apply, contact.wall_t, len(v.walls) > 0
     two_passes, measures, mirror, free = v.two_passes, v.measures, v.mirror, make_free(v)
+    elastic, vec4, damping = v.elastic, wp.types.vector(4, real), real(2.0 * DAMPING)
     sparse = v.sparse
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -144,7 +147,11 @@ def _make_move(v: Variant) -> wp.Kernel:
                 u = v0 + vec3(r[4], r[5], r[6]) / m + g
             before = u
             if wp.static(has_walls):
-                u = apply(u, dx * vec3(real(at[0]), real(at[1]), real(at[2])), row, sdf, ws)
+                e = vec4()
+                if wp.static(elastic):
+                    w2 = steps[s][3]
+                    e = vec4(acc[o][7], steps[s][1] * w2, damping * steps[s][1] * wp.sqrt(w2), dx)
+                u = apply(u, dx * vec3(real(at[0]), real(at[1]), real(at[2])), e, row, sdf, ws)
             grid_v[o] = node_t(u[0], u[1], u[2], real(0.0), v0[0], v0[1], v0[2], real(0.0))
             if wp.static(measures and mirror):  # all that changes the momentum but stress and gravity
                 alpha = steps[s][2]

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from diffuphy.mpm.boundary import make_contact
+from diffuphy.mpm.boundary import DAMPING, make_contact
 from diffuphy.mpm.mirror import make_reflection
 from diffuphy.mpm.nodes import make_free
 from diffuphy.mpm.places import make_places
@@ -37,10 +37,12 @@ def _make_nodes_adjoint(v: Variant) -> SimpleNamespace:
 
 def _make_move_adjoint(v: Variant) -> wp.Kernel:
     real, vec3, node_t = v.real, v.vec3, v.node_t
-    contact, index = make_contact(v.walls, real), make_places().index
+    contact, index = make_contact(v.walls, real, v.scheme.order), make_places().index
     summed, free = make_reflection(v).summed, make_free(v)
     contact_adjoint, contact_rows, wall_t = contact.adjoint, contact.adjoint_rows, contact.wall_t
-    has_walls, sparse = len(v.walls) > 0, v.sparse
+    has_walls, elastic, step_t = len(v.walls) > 0, v.elastic, v.step_t
+    vec4, damping, half = wp.types.vector(4, real), real(2.0 * DAMPING), real(0.5)
+    sparse = v.sparse
 
     @wp.kernel(module="unique", enable_backward=False)
     def move_adjoint(
@@ -53,9 +55,12 @@ def _make_move_adjoint(v: Variant) -> wp.Kernel:
         ws: wp.int32,
         n: wp.vec3i,
         dx: real,
+        steps: wp.array[step_t],
+        s: wp.int32,
         start: wp.int32,
         active: wp.array[wp.int32],  # rows that are worked on, only if sparse
-        y: wp.array[node_t],  # (scenes · nodes,) v̄⁰ + g̅, –, g̅/m, –   out
+        y: wp.array[node_t],  # (scenes · nodes,) v̄⁰ + g̅, of the distance to a wall, g̅/m, –   out
+        omega_bar: wp.array[real],  # (scenes · nodes,) of ω², with elastic walls   in and out
         row_bar: wp.array2d[wall_t],  # of the wall data   in and out
         need_rows: bool,
     ):
@@ -68,15 +73,23 @@ def _make_move_adjoint(v: Variant) -> wp.Kernel:
         m = acc[o][3]
         if m > real(0.0):
             b = summed(bar, o - base, scene, lanes, nodes)
-            g = vec3(b[0], b[1], b[2])
+            g, e_bar = vec3(b[0], b[1], b[2]), vec4()
             if wp.static(has_walls):
                 at = index(o - base, n)
                 u = free(acc, sigma, o, base, at, n)
                 place = dx * vec3(real(at[0]), real(at[1]), real(at[2]))
+                e = vec4()
+                if wp.static(elastic):
+                    w2 = steps[s][3]
+                    e = vec4(acc[o][7], steps[s][1] * w2, damping * steps[s][1] * wp.sqrt(w2), dx)
                 if need_rows:
-                    contact_rows(u, place, row, sdf, ws, g, row_bar)
-                g = contact_adjoint(u, place, row, sdf, ws, g)
-            y[o] = node_t(b[4] + g[0], b[5] + g[1], b[6] + g[2], real(0.0), g[0] / m, g[1] / m, g[2] / m, real(0.0))
+                    g, e_bar = contact_rows(u, place, e, row, sdf, ws, g, row_bar)
+                else:
+                    g, e_bar = contact_adjoint(u, place, e, row, sdf, ws, g)
+                if wp.static(elastic):
+                    root = wp.sqrt(steps[s][3])
+                    omega_bar[o] = omega_bar[o] + steps[s][1] * (e_bar[1] + half * damping * e_bar[2] / root)
+            y[o] = node_t(b[4] + g[0], b[5] + g[1], b[6] + g[2], e_bar[0], g[0] / m, g[1] / m, g[2] / m, real(0.0))
             for lane in range(lanes):
                 bar[(scene * lanes + lane) * nodes + o - base] = node_t()
         else:
@@ -132,7 +145,9 @@ def _make_divide_adjoint(v: Variant) -> wp.Kernel:
                 m_bar = of_mass(acc, y, sigma_y, base, at, n) - wp.dot(sharpened(acc, acc, sigma, base, at, n), y_o) / m
             m_bar -= (wp.dot(v0_bar, v0) + wp.dot(a_bar, vec3(a[4], a[5], a[6]) - g)) / m
             q_bar, f_bar = v0_bar / m, a_bar / m
-            out[o] = node_t(q_bar[0], q_bar[1], q_bar[2], m_bar, f_bar[0], f_bar[1], f_bar[2], real(0.0))
+            phi_bar = b[3] / m
+            m_bar -= phi_bar * a[7]
+            out[o] = node_t(q_bar[0], q_bar[1], q_bar[2], m_bar, f_bar[0], f_bar[1], f_bar[2], phi_bar)
             if need_gravity:
                 if wp.static(mirror):
                     a_bar = seen(a_bar, at, low, high, sticky)

@@ -34,8 +34,8 @@ def forward(b: Bound, status: wp.array, flowed: tuple[wp.array, wp.array], sums:
 def _p2g(b: Bound, status: wp.array, He: wp.array, HN: wp.array, memory: wp.array) -> list[Command]:
     a, args = b.arrays, b.args
     return args.record(make_kernels(b.variant).p2g, b.particles, [
-        a.X, a.u, a.v, a.C, a.He, a.HN, a.memory, *b.matter, b.body, b.tag, b.drive, b.low, b.dx, b.n, args.lanes.per,
-        b.steps, 0, 0, 0, 0, b.cells, b.grid, He, HN, memory, status,
+        a.X, a.u, a.v, a.C, a.He, a.HN, a.memory, *b.matter, b.body, b.tag, b.drive, b.walls, args.sdf, 0,
+        b.low, b.dx, b.n, args.lanes.per, b.steps, 0, 0, 0, 0, b.cells, b.grid, He, HN, memory, status,
     ])  # fmt: skip
 
 
@@ -86,8 +86,8 @@ def backward(b: Bound, bars: Bars, needs: Needs, flowed: tuple[wp.array, wp.arra
     ]))  # fmt: skip
     rows = args.zeros((0, 0), b.walls.dtype) if bars.walls is None else args.view(bars.walls, b.walls.dtype)
     phases.append(args.record(nodes.move_adjoint, b.nodes, [
-        b.acc, b.sigma, bar, lanes.copies, b.walls, args.sdf, 0, b.n, b.dx, 0, b.active, y, rows,
-        bars.walls is not None,
+        b.acc, b.sigma, bar, lanes.copies, b.walls, args.sdf, 0, b.n, b.dx, b.steps, 0, 0, b.active, y,
+        args.view(bars.omega, v.real), rows, bars.walls is not None,
     ]))  # fmt: skip
     sigma_y = args.nodal("sigma_y", count if v.scheme.sharpen else 1, v.node_t)
     if v.scheme.sharpen:
@@ -102,7 +102,7 @@ def backward(b: Bound, bars: Bars, needs: Needs, flowed: tuple[wp.array, wp.arra
         out = y
     matter = [args.view(t, d) for t, d in bars.matter(v)]
     phases.append(args.record(k.p2g_adjoint, b.particles, [
-        a.X, a.u, a.v, a.C, a.He, a.HN, a.memory, *b.matter, b.body, b.tag, b.drive, b.low, b.dx, b.n,
+        a.X, a.u, a.v, a.C, a.He, a.HN, a.memory, *b.matter, b.body, b.tag, b.drive, b.walls, args.sdf, 0, b.low, b.dx, b.n,
         lanes.particles, b.steps, 0, 0, 0, out, *at_start, *matter, *needs,
     ]))  # fmt: skip
     return Program(phases)

@@ -119,11 +119,12 @@ def simulate(
     matter = make_matter(field, vol, mixture.params, x.dtype, grad)
     if state is None:
         first = velocity if grad or velocity is None else velocity.detach()
-        state = initial_state(scene, x if grad else x.detach(), matter.m, mixture, first, scenes)
+        state = initial_state(scene, x if grad else x.detach(), matter, mixture, first, scenes)
     else:
         check_state(state, mixture)
     if scene.drives:
-        matter = dataclasses.replace(matter, tag=tags(scene.drives, placed(scene, x).detach(), matter.m.detach()))
+        there = placed(scene, x, matter.vol).detach()
+        matter = dataclasses.replace(matter, tag=tags(scene.drives, there, matter.m.detach()))
     members = Members(scene)
 
     def clock_of(part: Matter) -> Clock:

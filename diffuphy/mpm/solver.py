@@ -14,7 +14,7 @@ from torch import Tensor
 
 from diffuphy.mpm.active import Active, active
 from diffuphy.mpm.adjoint import Needs
-from diffuphy.mpm.boundary import N_WALL, Boundary, signature
+from diffuphy.mpm.boundary import N_WALL, Boundary, can_be_elastic, signature
 from diffuphy.mpm.drive import Drive, drive_signature
 from diffuphy.mpm.gather import Sums
 from diffuphy.mpm.grid import Grid
@@ -116,8 +116,10 @@ class Solver:
         self.mixture, self.scheme, self.gravity, self.body = mixture, scheme, tuple(gravity), body
         self.dtype, self.device = dtype, torch.device(device)
         self.planes, walls = mirrors(boundaries, dx) if scheme.mirror else (Mirrors(), tuple(boundaries))
+        if not can_be_elastic(walls):
+            scheme = dataclasses.replace(scheme, contact="rigid")
         self.variant = Variant(
-            mixture, REAL[dtype], scheme, signature(walls), self.planes.any, drive_signature(drives), body is not None,
+            mixture, REAL[dtype], scheme, signature(walls, scheme.contact == "elastic"), self.planes.any, drive_signature(drives), body is not None,
             "impulse" in gather, grad or "expected_dv" in gather,
         )  # fmt: skip
         lanes = Lanes(scenes, particles, threads if self.device.type == "cpu" else 1)
@@ -215,7 +217,7 @@ class Solver:
         kept: Rows | None = None,
         gravity: bool = False,
         walls: bool = False,
-        alpha: bool = False,
+        wave: bool = False,
         watch: Callable[[int, Bars], None] | None = None,
     ) -> Bars:
         """Gradients with respect to ``state``, to (w_e, w_p, θ, m) and to the scene, given those with respect to the
@@ -228,7 +230,7 @@ class Solver:
             bars: gradients in the fields of a state; they are overwritten.
             needs: which of w_e, w_p, θ, m want one.
             kept: what ``advance`` kept; then nothing is run again.
-            gravity, walls, alpha: whether gravity, the data of the walls and the retention want one.
+            gravity, walls, wave: whether gravity, the data of the walls and what goes by the fastest wave want one.
             watch: is told the number of every round that has been gone back through, and the gradients so far.
         """
         segment = span.steps if kept is not None else min(segment or self._segment(state, span), span.steps)
@@ -238,7 +240,7 @@ class Solver:
             bound, before = self._bind(work, matter, state, span)
             flowed = self._room(work.n)
             again = forward(bound, bound.status, flowed)
-            bars = self._with_room(bars, matter, span, needs, gravity, walls, alpha)
+            bars = self._with_room(bars, matter, span, needs, gravity, walls, wave)
             back = backward(bound, bars, needs, flowed)
             saved = []
             for s in starts[:-1]:
@@ -265,7 +267,7 @@ class Solver:
         return segment_of(span.steps, state_bytes(state))
 
     def _with_room(
-        self, bars: Bars, matter: Matter, span: Span, needs: Needs, gravity: bool, walls: bool, alpha: bool
+        self, bars: Bars, matter: Matter, span: Span, needs: Needs, gravity: bool, walls: bool, wave: bool
     ) -> Bars:
         """Room for the other gradients that are wanted."""
         wanted = zip(("w_e", "w_p", "theta", "m"), matter.tensors()[:4], needs, strict=True)
@@ -273,8 +275,10 @@ class Solver:
         new = matter.m.new_zeros
         if gravity:
             more["gravity"] = new(span.grid.nodes * self._args.lanes.scenes, 3)
-        if alpha:
+        if wave and self.scheme.keeps:
             more["alpha"] = new(len(matter.m))
+        if wave and self.variant.elastic:
+            more["omega"] = new(span.grid.nodes * self._args.lanes.scenes)
         if walls:
             more["walls"] = new(1 if self._args.still else span.steps, len(self._args.boundaries), N_WALL)
         return dataclasses.replace(bars, **more)

@@ -87,8 +87,10 @@ class Span:
     """Length of a substep Δt [s]."""
     n_sub: int
     """Number of substeps."""
-    rate: float | None = None
-    """1/τ of the retention [1/s]; None for none."""
+    wave: float = 0.0
+    """Fastest wave c at rest [m/s]: retention and contact go by the time that it takes through a cell."""
+    retain: float = 0.0
+    """Time constant τ of the retention [Δx/c]; 0 for none."""
     half_kick: bool = False
     """Whether the first kick is half as long, and one more of that length ends the frame."""
 
@@ -105,12 +107,22 @@ class Span:
     @property
     def alpha(self) -> float:
         """Share that a round retains, α = exp(−Δt/τ) [-]."""
-        return 0.0 if self.rate is None else math.exp(-self.dt * self.rate)
+        return math.exp(-self.dt * self.wave / (self.retain * self.grid.dx)) if self.retain > 0.0 else 0.0
+
+    @property
+    def omega2(self) -> float:
+        """Square of the frequency of elastic contact, ω = c/Δx [1/s²]."""
+        return (self.wave / self.grid.dx) ** 2
+
+    def wave_bar(self, alpha_bar: float, omega_bar: float) -> float:
+        """Gradient in c of a loss with those in α and in ω²."""
+        alpha = -self.dt * self.alpha / (self.retain * self.grid.dx) * alpha_bar if self.retain > 0.0 else 0.0
+        return alpha + 2.0 * self.wave / self.grid.dx**2 * omega_bar
 
     def table(self) -> np.ndarray:
-        """Drift Δt [s], kick Δt [s] and α of each round, shape (steps, 4)."""
+        """Drift Δt [s], kick Δt [s], α and ω² of each round, shape (steps, 4)."""
         out = np.zeros((self.steps, 4))
-        out[:, :3] = self.dt, self.dt, self.alpha
+        out[:] = self.dt, self.dt, self.alpha, self.omega2
         if self.half_kick:
             out[0, 1] = 0.5 * self.dt
             out[-1, :3] = 0.0, 0.5 * self.dt, 1.0
@@ -172,6 +184,8 @@ class Bars:
     """A row a node, shape (nodes, 3)."""
     alpha: Tensor | None = None
     """In the retention, shape (N,)."""
+    omega: Tensor | None = None
+    """In ω² of contact, a row a node, shape (nodes,)."""
     walls: Tensor | None = None
     """In the wall data of every round, shape (steps, walls, N_WALL)."""
 
@@ -244,20 +258,20 @@ def make_matter(
     return Matter(*(t.contiguous() for t in parts), vol.contiguous())
 
 
-def placed(scene: Scene, x: Tensor) -> Tensor:
-    """Particles lifted to the height at which a scene begins."""
+def placed(scene: Scene, x: Tensor, vol: Tensor) -> Tensor:
+    """Particles lifted to the height at which a scene begins; a particle reaches half the side of its volume down."""
     if scene.lift is None:
         return x
     up = torch.zeros_like(x[0].detach())
-    up[2] = scene.lift - x.detach()[:, 2].min()
+    up[2] = scene.lift - (x[:, 2] - 0.5 * vol ** (1 / 3)).detach().min()
     return x + up
 
 
 def initial_state(
-    scene: Scene, x: Tensor, m: Tensor, mixture: Any, velocity: Tensor | None = None, scenes: int = 1
+    scene: Scene, x: Tensor, matter: Matter, mixture: Any, velocity: Tensor | None = None, scenes: int = 1
 ) -> State:
     """Particles lifted to their height and set in motion: v = V + ω × (x − x_cm), C = [ω]×, F = I."""
-    x = placed(scene, x)
+    x, m = placed(scene, x, matter.vol), matter.m
     w = x.new_tensor(scene.spin)
     each = (m[:, None] * x).reshape(scenes, -1, 3).sum(1) / m.reshape(scenes, -1).sum(1)[:, None]
     center = each.repeat_interleave(len(x) // scenes, 0)
@@ -296,16 +310,3 @@ def check_state(state: State, mixture: Any) -> None:
                 f"the laws {(*mixture.laws_p, *mixture.branches)} need {name} in the state to go on from, which has "
                 "none; start from one of theirs"
             )
-
-
-def stretches(H: Tensor) -> tuple[Tensor, Tensor]:
-    """Smallest and largest principal stretch of F = I + H, each of shape (N,): square roots of eigenvalues of FᵀF
-    (Smith 1961)."""
-    A = H + H.mT + H.mT @ H  # FᵀF − I
-    q = A.diagonal(dim1=-2, dim2=-1).mean(-1)
-    B = A - q[:, None, None] * torch.eye(3, dtype=H.dtype, device=H.device)
-    p = ((B * B).sum((-2, -1)) / 6).sqrt()
-    det = (B[:, 0] * torch.linalg.cross(B[:, 1], B[:, 2])).sum(-1)
-    phi = torch.acos((det / (2 * p**3).clamp_min(torch.finfo(H.dtype).tiny)).clamp(-1, 1)) / 3
-    high, low = q + 2 * p * torch.cos(phi), q + 2 * p * torch.cos(phi + 2 * math.pi / 3)
-    return (1 + low).clamp_min(0).sqrt(), (1 + high).clamp_min(0).sqrt()

@@ -43,9 +43,14 @@ class Variant:
     """Whether only some nodes of the block are worked on, see ``active``."""
 
     @cached_property
+    def elastic(self) -> bool:
+        """Whether some wall is elastic, so that nodes know how far from it their matter is."""
+        return any(wall[-1] for wall in self.walls)
+
+    @cached_property
     def two_passes(self) -> bool:
         """Whether nodes read their neighbours, so that a pass must end before the next begins."""
-        return self.scheme.sharpen or self.mirror or self.twice
+        return self.scheme.sharpen or self.mirror or self.twice or self.elastic
 
     @cached_property
     def vec3(self) -> Any:
@@ -62,7 +67,7 @@ class Variant:
 
     @cached_property
     def step_t(self) -> Any:
-        """(Δt of the drift [s], Δt of the kick [s], α of the retention [-], –) of a substep."""
+        """(Δt of the drift [s], Δt of the kick [s], α of the retention [-], ω² of contact [1/s²]) of a substep."""
         return wp.types.vector(4, self.real)
 
     def made(self, make: Callable[["Variant"], SimpleNamespace]) -> SimpleNamespace:

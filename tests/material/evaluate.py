@@ -10,6 +10,8 @@ from diffuphy.material.mixture import Mixture, make_mixture
 
 DEFAULTS = {
     "E": 1e5, "nu": 0.3, "yield_stress": 1e4, "friction_angle": 25.0, "cohesion": 0.02, "viscosity": 50.0,
+    "bulk_modulus": 8e4, "gamma": 5.0, "hardening": 3e4, "residual": 0.4, "consistency": 60.0, "flow_index": 0.6,
+    "preconsolidation": 6e3, "compaction": 8.0, "tension_ratio": 0.3, "melt_time": 0.05,
 }  # fmt: skip
 """Parameters of the tests: a strain of 0.1 is well beyond yield."""
 

@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 
 from diffuphy.material import ELASTIC, PLASTIC
-from diffuphy.material.expert import MEMORY
 from diffuphy.material.moduli import lame
 from diffuphy.material.plastic.drucker_prager import LATCH
 from tests.material.evaluate import DEFAULTS, evaluate, generic, rotations, special, stretched
 
 RNG = np.random.default_rng(0)
 MU, LAM = (float(x) for x in lame(DEFAULTS))
-LONG = 1e12
-"""A time [s] over which anything that flows has flowed."""
+LONG = 1e30
+"""A time [s] over which anything that flows has flowed, by the power N = 0.6 of Herschel and Bulkley too."""
 
 
 def close(a: np.ndarray, b: np.ndarray, *, scale: float, ulps: float = 200) -> bool:
@@ -94,13 +93,15 @@ def test_wave_speed_is_the_stiffness_at_rest(name: str):
 # ---------------------------------------------------------------------------------------------------- plastic laws
 @pytest.mark.parametrize("name", PLASTIC)
 def test_return_map_is_a_projection(name: str):
-    """R(R(F)) = R(F) once all that flows has flowed, whatever the total volume was; the second map starts on the yield
-    surface."""
-    F, past = generic(500, RNG), {"log_J": RNG.uniform(-0.5, 0.5, 500)}
-    first = evaluate(("hencky",), (name,), F, dt=LONG, memory=past)
+    """R(R(F)) = R(F) once all that flows has flowed, whatever the total volume was, with the slip of the first map and
+    no more heat; the second map starts on the yield surface."""
+    F, t = generic(500, RNG), RNG.uniform(-0.5, 0.5, 500)
+    first = evaluate(("hencky",), (name,), F, dt=LONG, memory={"log_J": t})
     once = first["Fe"]
-    twice = evaluate(("hencky",), (name,), once, dt=LONG, memory={k: first[k] for k in MEMORY})["Fe"]
-    # LONG leaves η/(μ dt) = 1e-15 of an overstress; at the surface one ulp of the strain flows or not
+    if name == "cam_clay":  # its strength is that of the plastic volume J/Je before the step: keep that
+        t = t + np.log(np.linalg.det(once) / np.linalg.det(F))
+    twice = evaluate(("hencky",), (name,), once, dt=LONG, memory={"log_J": t, "slip": first["slip"]})["Fe"]
+    # LONG leaves η/(μ dt) = 1e-33 of an overstress; at the surface one ulp of the strain flows or not
     assert close(twice, once, scale=1.0)
 
 
@@ -114,8 +115,11 @@ def test_return_map_is_objective_and_isotropic(name: str):
     assert close(evaluate(("hencky",), (name,), F @ Q)["Fe"], Fe @ Q, scale=1.0)
 
 
-@pytest.mark.parametrize("elastic", ELASTIC)
-@pytest.mark.parametrize("name", PLASTIC)
+@pytest.mark.parametrize(
+    ("name", "elastic"),
+    # associated flow trades shape for volume, which is a bargain in the energy it is associated with: Hencky's
+    [(p, e) for p in PLASTIC for e in ELASTIC if p != "cam_clay" or e == "hencky"],
+)
 def test_plastic_flow_never_creates_energy(name: str, elastic: str):
     """ψ(R(F)) ≤ ψ(F) whatever the total volume was (stretches above ½: below, |F − R|² is not convex in the
     logarithm)."""

@@ -81,6 +81,23 @@ def test_decomposition_rebuilds_the_matrix(kind: str, precision: str):
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)
+def test_strains_are_right_at_a_condition_of_a_million(precision: str):
+    """diag(1e3, 1, 1e-3) in any order: e_i to a few ulp. Turned, the matrix itself says its smallest stretch only to
+    cond ulp: e_i to 16 of these, and its sign is not lost."""
+    real, dtype = PRECISIONS[precision]
+    rng, ulp = np.random.default_rng(7), np.finfo(dtype).eps
+    s = np.stack([rng.permutation([1e3, 1.0, 1e-3]) for _ in range(N)])
+    F = (s[:, :, None] * np.eye(3)).astype(dtype)
+    *_, e = decompose(F, real)
+    assert np.abs(np.sort(e) - np.log([1e-3, 1.0, 1e3])).max() < 4 * ulp * np.log(1e3)
+    F = stretched(s, rng).astype(dtype)
+    exact = np.sort(np.log(np.linalg.svd(F.astype(np.float64), compute_uv=False)))
+    positive = np.linalg.det(F.astype(np.float64)) > 0
+    *_, e = decompose(F[positive], real)
+    assert (np.abs(np.sort(e) - exact[positive]) < 16 * ulp * 1e3 / np.exp(exact[positive])).all()
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
 def test_exact_states_stay_exact(precision: str):
     """At F = I the stretches are 1 and the strains 0, to the last bit."""
     real, dtype = PRECISIONS[precision]

@@ -84,6 +84,8 @@ def gradient_error(
     }
     tau_bar, Fe_bar = rng.normal(size=F.shape) / DEFAULTS["E"], rng.normal(size=F.shape)
     bars = {k: rng.normal(size=n) for k in MEMORY}
+    spread = np.ptp(np.linalg.svd(F, compute_uv=False), axis=1)
+    bars["slip"] *= spread > 1e-3  # √(2/3) a |ê| has a kink at ê = 0 beside a law that flows at no stress
 
     def value(**changed: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
         at = x | changed
@@ -146,7 +148,8 @@ def test_one_hot_weights_are_the_single_law(elastic: str, plastic: str):
     w_p = np.tile([float(n == plastic) for n in PLASTIC], (200, 1))
     mixed = evaluate(*ALL, F, w_e=w_e, w_p=w_p, **bars)
     single = evaluate((elastic,), (plastic,) if plastic != "identity" else (), F, **bars)
-    for key, scale in (("tau", DEFAULTS["E"]), ("Fe", 1.0), ("F_bar", 1.0)):
+    gradient = max(1.0, np.abs(single["F_bar"]).max())
+    for key, scale in (("tau", DEFAULTS["E"]), ("Fe", 1.0), ("F_bar", gradient)):
         assert np.abs(mixed[key] - single[key]).max() < 100 * np.finfo(np.float64).eps * scale
 
 
@@ -252,12 +255,12 @@ def test_unknown_and_repeated_laws_are_refused():
 
 def test_wave_speed_of_a_mixture_is_its_stiffness():
     """ρ c² = ∂τ_xx/∂F_xx at rest; fourth-order differences."""
-    w, rho, h = np.array([[0.2, 0.3, 0.5]]), 800.0, 1e-3
+    w, rho, h = RNG.dirichlet(np.ones(len(ELASTIC)), 1), 800.0, 1e-3
     F = np.tile(np.eye(3), (4, 1, 1))
     F[:, 0, 0] += h * np.array([1.0, -1.0, 2.0, -2.0])
     t = evaluate(tuple(ELASTIC), (), F, w_e=np.tile(w, (4, 1)))["tau"][:, 0, 0]
     stiffness = (8 * (t[0] - t[1]) - (t[2] - t[3])) / (12 * h)
-    theta = {k: torch.tensor([DEFAULTS[k]], dtype=torch.float64) for k in ("E", "nu")}
+    theta = {k: torch.tensor([v], dtype=torch.float64) for k, v in DEFAULTS.items()}
     c = wave_speed(tuple(ELASTIC), torch.from_numpy(w), theta, torch.tensor([rho], dtype=torch.float64))
     assert abs(rho * float(c[0]) ** 2 / stiffness - 1) < 1e-9
 

@@ -2,15 +2,20 @@
 
 import dataclasses
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+import warp as wp
 
-from diffuphy.mpm import Box, Grid, HalfSpace, Mesh, Scene, Schedule, Sphere, container, rollout, simulate
-from diffuphy.mpm.boundary import SLACK, rows
+from diffuphy.material import make_mixture
+from diffuphy.mpm import Box, Grid, HalfSpace, Mesh, Scene, Schedule, Scheme, Sphere, container, rollout, simulate
+from diffuphy.mpm.boundary import SLACK, rows, signature
+from diffuphy.mpm.kernels import make_kernels
+from diffuphy.mpm.nodes import make_nodes
+from diffuphy.mpm.variant import Variant
 from tests.mpm.bodies import block, field, rotation
+from tests.mpm.text import source
 from tests.mpm.walls import box_mesh
 
 DX = 0.04
@@ -259,26 +264,17 @@ def test_walls_as_data_follow_time_and_block():
 
 def test_a_scene_without_walls_has_no_wall_code_and_lists_of_walls_have_their_own_kernels():
     """The text of the kernel, not a flag, says what it does; equal text would be an equal (wrong) kernel."""
-    import warp as wp
-
-    from diffuphy.material import make_mixture
-    from diffuphy.mpm.boundary import signature
-    from diffuphy.mpm.kernels import make_kernels
-
-    wp.init()
     mixture = make_mixture(("neo_hookean",), ("identity",), wp.float64)
     floor, ball = HalfSpace(), Sphere()
     single = [HalfSpace(friction=0.1), HalfSpace(kind="slip"), HalfSpace(kind="sticky"), floor, ball]
     pairs = [(floor, ball), (ball, floor), (floor, floor), (floor, HalfSpace(kind="slip"))]
     lists = [(), *((wall,) for wall in single), *pairs]
-    kernels = [make_kernels(mixture, signature(walls), wp.float64) for walls in lists]
-    hashes = [k.grid_update.module.get_module_hash() for k in kernels]
+    variants = [Variant(mixture, wp.float64, Scheme.mls(), signature(walls)) for walls in lists]
+    moves = [make_nodes(v).move for v in variants]
+    hashes = [k.module.get_module_hash() for k in moves]
     assert len(set(hashes)) == len(hashes)
-    assert len({k.p2g.module.get_module_hash() for k in kernels}) == 1
-    texts = []
-    for k in kernels[:2]:
-        k.grid_update.module.load("cpu")
-        texts.append(next(Path(wp.config.kernel_cache_dir).glob(f"*{k.grid_update.module.name}_*/*.cpp")).read_text())
+    assert len({make_kernels(v).p2g.module.get_module_hash() for v in variants}) == 1
+    texts = [source(k) for k in moves[:2]]
     assert "act" in texts[1] and "wp::dot" in texts[1] and "wp::dot" not in texts[0]
 
 

@@ -1,7 +1,7 @@
 """Sums over the substeps of a frame: what they are, what they add up to, and that nobody pays who does not ask."""
 
 import dataclasses
-from pathlib import Path
+import math
 
 import numpy as np
 import pytest
@@ -9,12 +9,11 @@ import torch
 import warp as wp
 
 from diffuphy.losses.velocity import velocity_loss
-from diffuphy.material import make_mixture
 from diffuphy.material.reference import kirchhoff, return_map
-from diffuphy.mpm import FrameReport, HalfSpace, Scene, Sphere, gather, rollout, simulate, solver
-from diffuphy.mpm.boundary import signature
+from diffuphy.mpm import FrameReport, HalfSpace, Scene, Scheme, Sphere, program, rollout, simulate
 from diffuphy.mpm.launch import Arguments
 from tests.mpm.bodies import block, field, rotation
+from tests.mpm.lattice import nodes_of, sharpened
 
 DX = 0.05
 G = (0.4, -0.2, -9.81)
@@ -50,26 +49,32 @@ def gathered(scene, f=None, names=BOTH, **options):
     return out, f.rho.detach() * vol, *(torch.stack(s) if s[0] is not None else None for s in sums), reports
 
 
-def nodes_of(x):
-    """The 27 nodes of each particle, their weights and their places from it: (N, 27, 3), (N, 27), (N, 27, 3)."""
-    base = np.floor(x / DX - 0.5).astype(int)
-    f = x / DX - base
-    w1 = np.stack([0.5 * (1.5 - f) ** 2, 0.75 - (f - 1) ** 2, 0.5 * (f - 0.5) ** 2], 1)  # (N, node, axis)
-    ijk = np.stack(np.meshgrid(*[range(3)] * 3, indexing="ij"), -1).reshape(27, 3)
-    w = w1[:, ijk[:, 0], 0] * w1[:, ijk[:, 1], 1] * w1[:, ijk[:, 2], 2]
-    nodes = base[:, None] + ijk
-    return nodes, w, nodes * DX - x[:, None]
+def sums(x, v, C, tau, m, vol):
+    """At the nodes of particles x: indices (N, 27) and weights, mass, velocity before the step, acceleration by
+    stress; f_i = −Σ_p V_p (4/Δx²) τ_p w_ip (x_i − x_p)."""
+    nodes, w, r = nodes_of(x, DX)
+    nodes = nodes - nodes.reshape(-1, 3).min(0)
+    size = nodes.reshape(-1, 3).max(0) + 1
+    flat = np.ravel_multi_index(nodes.reshape(-1, 3).T, size).reshape(w.shape)
+    mass, force, momentum = np.zeros(size.prod()), np.zeros((size.prod(), 3)), np.zeros((size.prod(), 3))
+    np.add.at(mass, flat, w * m)
+    np.add.at(force, flat, -(4 / DX**2) * vol[:, None, None] * w[..., None] * np.einsum("pab,pib->pia", tau, r))
+    np.add.at(momentum, flat, (w * m)[..., None] * (v[:, None] + np.einsum("pab,pib->pia", C, r)))
+    per = 1 / np.where(mass > 0, mass, 1)[:, None]
+    return flat, w, mass.reshape(size), momentum * per, force * per
 
 
+@pytest.mark.parametrize("scheme", [Scheme(), Scheme.mls()], ids=["default", "mls"])
 @pytest.mark.parametrize(
     ("elastic", "plastic"), [("neo_hookean", "identity"), ("hencky", "von_mises"), ("hencky", "viscoplastic")]
 )
-def test_one_substep_is_what_numpy_sums_up(elastic, plastic):
-    """Δv = Δt (Σ_i w_ip f_i/m_i + g), f_i = −Σ_p V_p (4/Δx²) τ_p w_ip (x_i − x_p); what it leaves of the velocity
-    change is the filter Σ_i w_ip v_i − v_p with v_i the velocity that particles alone bring to a node."""
+def test_one_substep_is_what_numpy_sums_up(elastic, plastic, scheme):
+    """expected_dv = Σ k (Σ_i w_ip f_i/m_i + g) over the kicks k: Δt, or Δt/2 before and after the drift. What it
+    leaves of the velocity change is the filter (1 − α)(Σ_i w_ip v⁰_i − v_p) + Σ_i w_ip (S a)_i/m_i, with v⁰_i the
+    velocity that particles alone bring to a node and α = exp(−Δt c/Δx), in the last kick 1."""
     x, vol, v = brick()
     f = field(len(x), (elastic,), (plastic,), yield_stress=50.0)
-    scene = dataclasses.replace(FREE, fps=20000.0, frames=1, velocity=(0.0, 0.0, 0.0))
+    scene = dataclasses.replace(FREE, fps=20000.0, frames=1, velocity=(0.0, 0.0, 0.0), scheme=scheme)
     *_, state = simulate(scene, x, vol, f, frames=0, velocity=v)
     seed = torch.Generator().manual_seed(0)
     state.He.copy_(0.1 * torch.randn(state.He.shape, dtype=x.dtype, generator=seed))
@@ -78,28 +83,30 @@ def test_one_substep_is_what_numpy_sums_up(elastic, plastic):
     _, end = simulate(scene, x, vol, f, state=state, report=reports, gather=BOTH)
     (report,) = reports
     assert report.n_sub == 1
-    F = state.He + torch.eye(3, dtype=x.dtype)
+    dt, m = report.dt, (f.rho * vol)[0].item()
     params = {name: values[0].item() for name, values in f.theta.items()}
-    if plastic != "identity":
-        F = return_map(F, plastic, params, report.dt)
-    tau, C = kirchhoff(F, elastic, params).numpy(), state.C.numpy()
-    nodes, w, r = nodes_of(x.numpy())
-    nodes -= nodes.reshape(-1, 3).min(0)
-    size = nodes.reshape(-1, 3).max(0) + 1
-    flat = np.ravel_multi_index(nodes.reshape(-1, 3).T, size).reshape(w.shape)
-    m = np.full(len(x), (f.rho * vol)[0].item())
-    mass, force, momentum = np.zeros(size.prod()), np.zeros((size.prod(), 3)), np.zeros((size.prod(), 3))
-    np.add.at(mass, flat, w * m[:, None])
-    np.add.at(force, flat, -(4 / DX**2) * vol.numpy()[:, None, None] * w[..., None] * np.einsum("pab,pib->pia", tau, r))
-    np.add.at(momentum, flat, (w * m[:, None])[..., None] * (v.numpy()[:, None] + np.einsum("pab,pib->pia", C, r)))
-    a = force / np.where(mass > 0, mass, 1)[:, None]
-    v_i = momentum / np.where(mass > 0, mass, 1)[:, None]
-    expected = torch.from_numpy(report.dt * ((w[..., None] * a[flat]).sum(1) + np.array(G)))
-    filtered = torch.from_numpy((w[..., None] * v_i[flat]).sum(1) - v.numpy())
+    kicks = [(state, dt, dt, 0.0)]
+    if scheme.half_kick:
+        kicks = [(state, dt / 2, dt, math.exp(-dt * report.wave / DX)), (end, dt / 2, 0.0, 1.0)]
+    expected, filtered = np.zeros((len(x), 3)), np.zeros((len(x), 3))
+    for s, kick, drift, alpha in kicks:
+        F = s.He + torch.eye(3, dtype=x.dtype)
+        if plastic != "identity":
+            F = return_map(F, plastic, params, drift)
+        tau = kirchhoff(F, elastic, params).numpy()
+        flat, w, mass, v0, a = sums(s.x.numpy(), s.v.numpy(), s.C.numpy(), tau, m, vol.numpy())
+        mean = lambda values: (w[..., None] * values[flat]).sum(1)  # noqa: B023, E731
+        expected += kick * (mean(a) + np.array(G))
+        filtered += (1 - alpha) * (mean(v0) - s.v.numpy())
+        if scheme.sharpen:
+            per = 1 / np.where(mass > 0, mass, 1)[..., None]
+            filtered += mean((per * sharpened(mass, kick * a.reshape(*mass.shape, 3), 0.2)).reshape(-1, 3))
     # q − q⁰ of about 1 m/s, nodes of a few weights: 1e-16 times a condition of some hundreds
-    assert float((expected - report.dt * x.new_tensor(G)).abs().max()) > 1e-3
-    torch.testing.assert_close(report.expected_dv, expected, rtol=0, atol=1e-12)
-    torch.testing.assert_close(end.v - state.v - report.expected_dv, filtered, rtol=0, atol=1e-12)
+    assert float(np.abs(expected - dt * np.array(G)).max()) > 1e-3
+    torch.testing.assert_close(report.expected_dv, torch.from_numpy(expected), rtol=0, atol=1e-12)
+    torch.testing.assert_close(
+        end.v - state.v - report.expected_dv, torch.from_numpy(filtered), rtol=0, atol=1e-12
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("walls", [(), WALLS["rough"]])
@@ -158,19 +165,37 @@ def test_a_frame_run_again_is_counted_once():
     torch.testing.assert_close((m[:, None] * end.v).sum(0) - weight, r.impulse, rtol=0, atol=1e-11 * scale)
 
 
-@pytest.mark.parametrize(("names", "launches"), [((), 3), (("impulse",), 4), (("expected_dv",), 5), (BOTH, 6)])
-def test_only_who_asks_pays(names, launches, monkeypatch):
-    """Three launches a substep, one more for the impulse, two for the forces; nothing else is made or allocated."""
+@pytest.mark.parametrize(
+    ("scheme", "names", "launches"),
+    [
+        (Scheme.mls(), (), 3), (Scheme.mls(), ("impulse",), 3), (Scheme.mls(), ("expected_dv",), 5),
+        (Scheme.mls(), BOTH, 5),
+        (Scheme(), (), 5), (Scheme(), ("impulse",), 5), (Scheme(), ("expected_dv",), 6), (Scheme(), BOTH, 6),
+    ],
+    ids=lambda v: "-".join(v) if isinstance(v, tuple) else "default" if v == Scheme() else "mls",
+)  # fmt: skip
+def test_only_who_asks_pays(scheme, names, launches, monkeypatch):
+    """Three launches a substep, five with sharpening, whose nodes read their neighbours. The forces take one more, and
+    the second pass over the nodes of the plain scheme; the impulse none. Nothing else is made or allocated, least of
+    all for a backward pass."""
     count, buffers = [], []
     launch, nodal = wp.Launch.launch, Arguments.nodal
     monkeypatch.setattr(wp.Launch, "launch", lambda self, *a, **k: (count.append(1), launch(self, *a, **k))[1])
-    monkeypatch.setattr(Arguments, "nodal", lambda self, n, g: (buffers.append(n), nodal(self, n, g))[1])
-    if not names:
-        monkeypatch.setattr(solver, "make_gather", None)
-    scene = dataclasses.replace(FREE, boundaries=WALLS["rough"])
+
+    def noted(self, name, rows, *rest, **more):
+        buffers.extend([name] if rows > 1 else [])
+        return nodal(self, name, rows, *rest, **more)
+
+    monkeypatch.setattr(Arguments, "nodal", noted)
+    monkeypatch.setattr(program, "make_adjoint", None)
+    monkeypatch.setattr(program, "make_nodes_adjoint", None)
+    if "expected_dv" not in names:
+        monkeypatch.setattr(program, "make_gather", None)
+    scene = dataclasses.replace(FREE, boundaries=WALLS["rough"], scheme=scheme)
     *_, reports = gathered(scene, names=names)
-    assert len(count) == launches * sum(r.n_sub for r in reports)
-    assert set(buffers) == {"grid", "grid_v"} | ({"free"} if "expected_dv" in names else set())
+    assert len(count) == launches * sum(r.n_sub + scheme.half_kick for r in reports)
+    twice = scheme.sharpen or "expected_dv" in names
+    assert set(buffers) == {"grid", "grid_v"} | ({"acc"} if twice else set()) | ({"sigma"} if scheme.sharpen else set())
     for name in BOTH:
         assert all((getattr(r, name) is None) == (name not in names) for r in reports)
 
@@ -206,15 +231,3 @@ def test_sums_need_a_report():
     x, vol, _ = brick()
     with pytest.raises(ValueError, match="give a list as report"):
         rollout(FREE, x, vol, field(len(x)), gather=("impulse",))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("real", [wp.float32, wp.float64])
-def test_gather_compiles_for_cuda(real, tmp_path):
-    """Every kernel becomes PTX; no device is needed for that."""
-    wp.init()
-    mixture = make_mixture(("neo_hookean",), ("identity",), real)
-    kernels = vars(gather.make_gather(mixture, signature(WALLS["moving"]), real)).values()
-    for kernel in kernels:
-        wp.compile_aot_module(kernel.module, arch=80, module_dir=tmp_path, use_ptx=True)
-    assert len(list(Path(tmp_path).glob("*.ptx"))) == len(kernels) == 3

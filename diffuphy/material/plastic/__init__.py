@@ -1,7 +1,17 @@
 """Plastic laws. The order is the expert index in checkpoints: append only."""
 
 from ..expert import Plastic
-from . import drucker_prager, fluid, identity, viscoplastic, von_mises
+from . import (
+    cam_clay,
+    drucker_prager,
+    fluid,
+    herschel_bulkley,
+    identity,
+    melting,
+    viscoplastic,
+    von_mises,
+    von_mises_hardening,
+)
 
 PLASTIC: dict[str, Plastic] = {
     law.name: law
@@ -12,5 +22,9 @@ PLASTIC: dict[str, Plastic] = {
         fluid.LAW,
         viscoplastic.LAW,
         drucker_prager.PLANE_STRAIN,
+        von_mises_hardening.LAW,
+        herschel_bulkley.LAW,
+        cam_clay.LAW,
+        melting.LAW,
     )
 }

@@ -5,12 +5,23 @@ Coulomb friction; still, moving, turning, or on a schedule.
 """
 
 from diffuphy.mpm.boundary.kernels import make_contact
-from diffuphy.mpm.boundary.layout import N_WALL, SLACK, Boundary, Signature, rows, signature
+from diffuphy.mpm.boundary.layout import (
+    DAMPING,
+    N_WALL,
+    SLACK,
+    Boundary,
+    Signature,
+    can_be_elastic,
+    rows,
+    signature,
+    wall_gradients,
+)
 from diffuphy.mpm.boundary.mesh import Mesh, sdf_samples
 from diffuphy.mpm.boundary.motion import Schedule, Vec, vector
 from diffuphy.mpm.boundary.shapes import Box, Cylinder, HalfSpace, Kind, Solid, Sphere, container
 
 __all__ = [
-    "N_WALL", "SLACK", "Boundary", "Box", "Cylinder", "HalfSpace", "Kind", "Mesh", "Schedule", "Signature", "Solid",
-    "Sphere", "Vec", "container", "make_contact", "rows", "sdf_samples", "signature", "vector",
+    "DAMPING", "N_WALL", "SLACK", "Boundary", "Box", "Cylinder", "HalfSpace", "Kind", "Mesh", "Schedule",
+    "Signature", "Solid", "Sphere", "Vec", "can_be_elastic", "container", "make_contact", "rows", "sdf_samples",
+    "signature", "vector", "wall_gradients",
 ]  # fmt: skip

@@ -7,6 +7,9 @@ import warp as wp
 
 from diffuphy.compiling import LOCK
 
+CHUNK = 2**18
+"""Samples whose distances are computed at once: some 100 MB."""
+
 REACH = 4.0
 """How far a closest point is searched for, in diagonals of the sampled box: further than any can be [-]."""
 
@@ -69,6 +72,9 @@ def signed_distance(
         side = wp.zeros(count, dtype=wp.float32, device="cpu")
         inputs = [mesh.id, wp.vec3(*((corner - middle) / size)), h / size, wp.vec3i(*shape), REACH, face, side]
         wp.launch(_sample, dim=count, inputs=inputs, device="cpu")
-    points = corner + h * np.stack(np.meshgrid(*(np.arange(n) for n in shape), indexing="ij"), -1).reshape(-1, 3)
-    a, b, c = (vertices[faces[face.numpy()][:, k]] for k in range(3))
-    return triangle_distance(points, a, b, c) * side.numpy()
+    phi, face = side.numpy().astype(np.float64), face.numpy()
+    for at in range(0, count, CHUNK):
+        o = np.arange(at, min(at + CHUNK, count))
+        points = corner + h * np.stack(np.unravel_index(o, shape), axis=1)
+        phi[o] *= triangle_distance(points, *(vertices[faces[face[o], k]] for k in range(3)))
+    return phi

@@ -10,6 +10,7 @@
 
 import math
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -18,8 +19,14 @@ from diffuphy.mpm.boundary.shapes import Box, Cylinder, HalfSpace, Sphere
 from diffuphy.mpm.grid import Grid
 
 Boundary = HalfSpace | Sphere | Box | Cylinder | Mesh
-Signature = tuple[tuple[str, str, bool, bool], ...]
-"""Shape, kind, friction or none, turning or not, of each wall."""
+Signature = tuple[tuple[str, str, bool, bool, bool], ...]
+"""Shape, kind, friction or none, turning or not, elastic or not, of each wall."""
+
+DAMPING = 0.3
+"""ζ of elastic contact [-]: a body at rest comes to rest, and a ball loses 2 % more of its speed in a bounce."""
+
+HARD = 1.25
+"""How far behind an elastic wall its nodes are held [Δx]."""
 
 SLACK = 1e-3
 """A node this close in front of a wall still belongs to it [Δx]: a wall on a plane of nodes, as a floor at z = 0 is,
@@ -32,35 +39,64 @@ N_WALL = 32
 """Numbers that describe a wall to a kernel."""
 
 
-def signature(boundaries: Sequence[Boundary]) -> Signature:
-    """What is compiled into the kernels: shape, kind, whether there is friction and whether it turns; everything else
-    is data."""
-    return tuple((type(b).__name__, b.kind, b.friction > 0.0, b.turns) for b in boundaries)
+def signature(boundaries: Sequence[Boundary], elastic: bool = False) -> Signature:
+    """What is compiled into the kernels: shape, kind, whether there is friction, whether it turns and, of walls that
+    separate, whether they are elastic; everything else is data."""
+    return tuple(
+        (type(b).__name__, b.kind, b.friction > 0.0, b.turns, elastic and b.kind == "separate") for b in boundaries
+    )
 
 
-def rows(boundaries: Sequence[Boundary], grid: Grid, times: np.ndarray) -> np.ndarray:
+def wall_gradients(
+    boundaries: Sequence[Boundary], times: np.ndarray, row_bar: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gradients in ``friction`` (walls,), ``velocity`` (walls, 3) and ``angular_velocity`` (walls, 3) of the walls.
+
+    Sums over steps of those in the rows, which ``adjoint_rows`` made; a wall that has come to its ``end`` stands,
+    whatever its velocity. Of a wall on a schedule they are those in what is added to its velocities. That a faster wall
+    is elsewhere later, where it governs other nodes, is left out.
+
+    Args:
+        times: those of ``rows``, shape (steps,) [s].
+        row_bar: gradients in its result, shape (steps, walls, N_WALL).
+    """
+    moves = np.stack([times < b.end for b in boundaries], axis=1)[..., None]
+    friction = row_bar[..., FRICTION].sum(0)
+    return friction, (row_bar[..., VELOCITY] * moves).sum(0), (row_bar[..., ANGULAR_VELOCITY] * moves).sum(0)
+
+
+def can_be_elastic(boundaries: Sequence[Boundary]) -> bool:
+    """Whether walls that separate may be elastic: not where the planes of two meet, since nodes know how far their
+    matter is from the nearest wall only."""
+    planes = [b for b in boundaries if isinstance(b, HalfSpace) and b.kind == "separate"]
+    return all(np.dot(a.normal, b.normal) < -0.99 for a, b in combinations(planes, 2))
+
+
+def rows(boundaries: Sequence[Boundary], grid: Grid, times: np.ndarray, elastic: bool = False) -> np.ndarray:
     """The walls as data, shape (steps, walls, N_WALL), lengths from the lowest node of ``grid`` [m].
 
     Args:
         times: start of each step [s], float64; one row suffices when every wall is still.
+        elastic: whether walls that separate are elastic, and their nodes held from HARD cells behind them on.
     """
     out = np.zeros((len(times), len(boundaries), N_WALL))
     low = np.asarray(grid.low)
     first = 0
     for k, b in enumerate(boundaries):
         now, row = b.pose(times), out[:, k]
+        reach = (b.reach - SLACK + (HARD if elastic and b.kind == "separate" else 0.0)) * grid.dx
         place = now.place - low
         if isinstance(b, HalfSpace):
             n = np.asarray(b.normal)
             if b.turns:
                 row[:, :3] = now.rotation @ n
-                row[:, OFFSET] = np.einsum("ti,ti->t", place, row[:, :3]) - (b.reach - SLACK) * grid.dx
+                row[:, OFFSET] = np.einsum("ti,ti->t", place, row[:, :3]) - reach
             else:
                 row[:, :3] = n
-                row[:, OFFSET] = place @ n - (b.reach - SLACK) * grid.dx
+                row[:, OFFSET] = place @ n - reach
         else:
             row[:, :3] = place
-            row[:, OFFSET] = (b.radius if isinstance(b, Sphere) else 0.0) - (b.reach - SLACK) * grid.dx
+            row[:, OFFSET] = (b.radius if isinstance(b, Sphere) else 0.0) - reach
             row[:, FRAME] = (now.rotation @ b.frame).reshape(-1, 9)
         if isinstance(b, Box):
             row[:, SIZE] = 0.5 * np.asarray(b.size)

@@ -2,6 +2,7 @@
 hold them still or move them as a rigid body. ``docs/boundaries.md`` has their formulas.
 """
 
+from diffuphy.mpm.drive.bounds import speed_bound
 from diffuphy.mpm.drive.drives import (
     MAX_DRIVES,
     Acceleration,
@@ -21,5 +22,5 @@ from diffuphy.mpm.drive.select import InBall, InBox, InCylinder
 __all__ = [
     "MAX_DRIVES", "N_DRIVE", "TICK", "Acceleration", "Attractor", "Drag", "Drive", "Held", "Impulse", "InBall", "InBox",
     "InCylinder", "Release", "Signature", "Vortex", "check_drives", "drive_rows", "drive_signature", "make_drives",
-    "tags",
+    "speed_bound", "tags",
 ]  # fmt: skip

@@ -89,6 +89,11 @@ def tags(drives: Sequence[Drive], x: Tensor, m: Tensor) -> Tensor:
     return out.to(torch.int32)
 
 
+def mass_of(k: int, m: Tensor, tags: Tensor) -> float:
+    """Mass of the particles that drive k acts on [kg]."""
+    return float(m.detach()[(tags >> k & 1).bool()].double().sum())
+
+
 def drive_rows(
     drives: Sequence[Drive],
     grid: Grid,
@@ -121,7 +126,7 @@ def drive_rows(
         elif isinstance(d, Release):
             row[:, 0] = starts / TICK
         elif isinstance(d, Impulse):
-            mass = float(m.detach()[(tags >> k & 1).bool()].double().sum())
+            mass = mass_of(k, m, tags)
             share = np.diff(np.clip((edges - d.start) / d.duration, 0.0, 1.0))
             row[:, :3] = (share / (mass * kicks))[:, None] * np.asarray(d.impulse)
         else:

@@ -8,7 +8,7 @@ import torch
 import warp as wp
 
 from diffuphy.mpm import Box, Cylinder, HalfSpace, Mesh, Sphere
-from diffuphy.mpm.boundary import N_WALL, rows, signature
+from diffuphy.mpm.boundary import N_WALL, rows, signature, wall_gradients
 from diffuphy.mpm.boundary.layout import ANGULAR_VELOCITY, FRICTION, VELOCITY
 from tests.mpm.walls import HERE, box_mesh, contact, coulomb, kernels
 
@@ -167,6 +167,32 @@ def test_velocity_friction_and_spin_of_a_wall_have_gradients():
         # up to 300 nodes of 1e-10 each, and rounding 1e-16/1e-5 of their sum
         np.testing.assert_allclose(got[k, columns], want, rtol=1e-8, atol=3e-8)
         assert not np.delete(got, k, 0).any() and np.abs(want).max() > 0.1
+
+
+def test_gradients_of_settings_are_sums_over_the_steps_in_which_they_matter():
+    """∂(Σ v̄·v)/∂(μ, V, ω) of the settings of a wall that stops and stands, over steps before and after its end."""
+    rng = np.random.default_rng(9)
+    settings = dict(friction=0.3, velocity=(0.3, 0.1, 0.2), angular_velocity=(0.2, 0.5, -0.3))
+    times = np.array([0.0, 1e-9, 1.0])  # so early that the wall has not got anywhere
+    r, v, v_bar = np.asarray(AT) + rng.uniform(-0.3, 0.3, (30, 3)), *rng.normal(size=(2, 30, 3))
+    s = rng.integers(0, 3, 30)
+
+    def wall(**changed):
+        return (HalfSpace(point=AT, normal=(0.0, 0.1, 1.0), end=1e-6, reset=2.0, **(settings | changed)),)
+
+    def total(walls):
+        return (v_bar * contact(walls, v, r, s, rows(walls, HERE, times))[0]).sum()
+
+    row_bar = contact(wall(), v, r, s, rows(wall(), HERE, times), v_bar)[2]
+    friction, velocity, spin = wall_gradients(wall(), times, row_bar)
+    h = 1e-5
+    want = (total(wall(friction=0.3 + h)) - total(wall(friction=0.3 - h))) / (2 * h)
+    # a wall that moves 1e-6 s differently turns by 1e-11; rounding is 1e-15/h
+    assert friction[0] == pytest.approx(want, rel=1e-8)
+    for name, got in (("velocity", velocity), ("angular_velocity", spin)):
+        for k, e in enumerate(np.eye(3)):
+            ends = [total(wall(**{name: tuple(settings[name] + a * e)})) for a in (h, -h)]
+            assert got[0, k] == pytest.approx((ends[0] - ends[1]) / (2 * h), rel=1e-5, abs=1e-5)
 
 
 MANY = (

@@ -22,7 +22,7 @@ from diffuphy.mpm import (
     Vortex,
 )
 from diffuphy.mpm.boundary.motion import rotation_matrix
-from diffuphy.mpm.drive import TICK, drive_rows, drive_signature, make_drives, tags
+from diffuphy.mpm.drive import TICK, drive_rows, drive_signature, make_drives, speed_bound, tags
 
 GRID = Grid(0.5, (-2, -4, 0), (8, 8, 8))
 LOW = np.array([-1.0, -2.0, 0.0])
@@ -295,6 +295,22 @@ def test_adjoints_are_those_of_accelerations_and_holds():
     )
     held, waiting = (v_h == 0).all(1), (tag.numpy() >> 7) * TICK > 0.2
     assert 5 <= held.sum() < 35 and waiting.sum() >= 3 and held[waiting].all()
+
+
+@pytest.mark.parametrize("k", [*range(6), None], ids=lambda k: "all" if k is None else type(ALL[k]).__name__)
+def test_the_speed_bound_holds_and_is_not_wasteful(k):
+    """max |v(t)| ≤ max |v(0)| + bound; from rest each drive alone reaches a fifth of it somewhere in the box."""
+    some = [d for d in ALL if not isinstance(d, Release)]
+    drives = tuple(some if k is None else some[k : k + 1])
+    m = torch.full((40,), 0.1, dtype=torch.float64)
+    x, v, _ = cloud()
+    tag = tags(drives, torch.tensor(x), m)
+    for v0 in (v, np.zeros_like(v)):
+        xs, vs, _ = fly(drives, x, v0, 1e-3 * np.arange(300), 1e-3, m=m, tag=tag)
+        bound = speed_bound(drives, m, tag, xs.min((0, 1)), xs.max((0, 1)), 0.0, 0.3)
+        fastest = np.linalg.norm(vs, axis=2).max()
+        assert fastest <= np.linalg.norm(v0, axis=1).max() + bound * (1 + 1e-12)
+    assert k is None or fastest > 0.2 * bound
 
 
 def test_absent_drives_leave_no_code():

@@ -52,12 +52,12 @@ def test_times_of_release_follow_the_bits_and_the_last_one_counts():
     """Above the bits of n drives: ⌈t_p/TICK⌉, the later of two planes."""
     drives = [
         Acceleration(acceleration=B),
-        Release(point=(-1, 0, 0), normal=(1, 0, 0), speed=2.0, start=0.5),
-        Release(point=(0, 0, 0), normal=(0, 0, 1), speed=0.5, where=InBox(low=(0, 0, 0), high=(1, 1, 1))),
+        Release(point=(-1, 0, 0), normal=(1, 0, 0), speed=3.0, start=0.5),
+        Release(point=(0, 0, 0), normal=(0, 0, 1), speed=0.7, where=InBox(low=(0, 0, 0), high=(1, 1, 1))),
     ]
     got = tags(drives, X, M)
-    first = 0.5 + (X[:, 0] + 1) / 2
-    second = torch.where((X >= 0).all(1), X[:, 2] / 0.5, 0.0)
+    first = 0.5 + (X[:, 0] + 1) / 3
+    second = torch.where((X >= 0).all(1), X[:, 2] / 0.7, 0.0)
     assert torch.equal(got >> 3, (torch.maximum(first, second) / TICK).ceil().int())
 
 
