@@ -24,8 +24,8 @@ def materials(*moduli: float) -> list[MaterialField]:
 @pytest.mark.parametrize("threads", [1, 2])
 def test_scenes_of_a_batch_are_the_scenes_alone_to_the_last_bit(threads):
     """Same Δt, same block of nodes: a scene whose fastest wave sets the step of all is the one that runs alone with it.
-    Without retention, whose time constant is that of the fastest wave of all, so is every other."""
-    scene = dataclasses.replace(SCENE, scheme=dataclasses.replace(SCENE.scheme, retain=0.0), frames=1)
+    Without retention and elastic contact, which go by the fastest wave of all, so is every other."""
+    scene = dataclasses.replace(SCENE, scheme=dataclasses.replace(SCENE.scheme, retain=0.0, contact="rigid"), frames=1)
     dt = 2e-4
     films = rollout_batch(scene, X, VOL, materials(5e4, STIFFEST, 1e5), dt=dt, threads=threads)
     for film, f in zip(films, materials(5e4, STIFFEST, 1e5), strict=True):
@@ -36,7 +36,7 @@ def test_scenes_of_a_batch_are_the_scenes_alone_to_the_last_bit(threads):
 
 def test_gradients_of_a_batch_are_those_of_the_scenes():
     """∂/∂E_k of Σ_k L_k is ∂L_k/∂E_k, and that in a shared x is the sum: to rounding, as L_k weighs its terms alike."""
-    scene = dataclasses.replace(SCENE, scheme=dataclasses.replace(SCENE.scheme, retain=0.0), frames=1)
+    scene = dataclasses.replace(SCENE, scheme=dataclasses.replace(SCENE.scheme, retain=0.0, contact="rigid"), frames=1)
 
     def leaf(E: float) -> MaterialField:
         f = field(len(X))

@@ -1,6 +1,7 @@
 """Particles that leave the bounds of a scene."""
 
 import dataclasses
+import itertools
 
 import pytest
 import torch
@@ -40,7 +41,7 @@ def test_who_left_stays_where_it_was_and_takes_no_part(leaving):
     n = len(x) // 2
     reports: list[FrameReport] = []
     out = rollout(dataclasses.replace(SCENE, leaving=leaving), x, vol, f, velocity=v, report=reports)
-    assert reports[-1].gone == n and all(a.gone <= b.gone for a, b in zip(reports, reports[1:], strict=False))
+    assert reports[-1].gone == n and all(a.gone <= b.gone for a, b in itertools.pairwise(reports))
     assert not bool(out.v[-1, n:].any()) and bool((out.x[-1, n:, 0] > 0.5).all())
     for k in range(n, 2 * n):
         first = int((out.x[:, k, 0] > 0.5).nonzero()[0])

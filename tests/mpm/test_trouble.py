@@ -29,7 +29,8 @@ def test_divergence_names_everything_and_the_first_bad_substep():
     text = str(caught.value)
     found = re.search(
         r"particle (\d+) was turned inside out .* in frame (\d+) \(substep (\d+) of (\d+), t = (\S+) s\): "
-        r"det F = (\S+), must be positive; x = .* m, \|v\| = .* m/s, .* Δt = (\S+) s, CFL = \S+; lower cfl below (\S+)$",
+        r"det F = (\S+), must be positive; x = .* m, \|v\| = .* m/s, .* Δt = (\S+) s, CFL = \S+; "
+        r"lower cfl below (\S+)$",
         text,
     )
     assert found, text
