@@ -71,7 +71,8 @@ def test_who_leaves_the_active_cells_is_followed(monkeypatch):
         x, vol, f = two((1.0, 1.0, 1.0))
         push = torch.zeros_like(x)
         push[:, 1] = 40.0
-        scene = dataclasses.replace(SCENE, boundaries=(), velocity=(0.0, 0.0, 0.0), gravity=(0.0, 0.0, 0.0), fps=8.0)
+        still = (0.0, 0.0, 0.0)
+        scene = dataclasses.replace(SCENE, boundaries=(), velocity=still, spin=still, gravity=still, fps=8.0)
         reports: list[FrameReport] = []
         *_, end = simulate(scene, x, vol, f, frames=1, report=reports, body=lambda _: push)  # noqa: B023, called at once
         assert reports[0].reruns > 0 and reports[0].halvings == 0
