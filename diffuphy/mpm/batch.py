@@ -19,7 +19,7 @@ def rollout_batch(
     """The films of the same particles with each of several materials; for sweeps and starts from many points.
 
     The scenes do not touch: each has a grid of its own. What is found from the material is found for all of them
-    together: the substep is the shortest that any needs, the time constant of the retention that of the fastest wave,
+    together: the substep is the shortest that any needs, retention and elastic contact go by the fastest wave of all,
     and all use one block of nodes. Alone, with that ``dt`` and the same fastest wave, each is the same film to
     rounding of its place in the block. On a GPU K small scenes take the time of one large one; on a CPU they take
     that of K, less what launches cost.

@@ -205,7 +205,9 @@ class Command:
         places = {arg.label: k for k, arg in enumerate(kernel.adj.args)}
         self._takes = [(name, places[name]) for name in NUMBERS if name in places]
         with LOCK:  # the first launch of a kernel builds and loads it
-            self._launch = wp.launch(kernel, dim=count, inputs=inputs, device=device, record_cmd=True)
+            launch = wp.launch(kernel, dim=count, inputs=inputs, device=device, record_cmd=True)
+        assert launch is not None  # it is when a command is recorded
+        self._launch = launch
         self._launch.set_param_at_index_from_ctype(places["start"], first)
 
     def __call__(self, numbers: dict[str, int]) -> None:

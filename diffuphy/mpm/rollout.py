@@ -18,6 +18,7 @@ from diffuphy.mpm.frame import joined
 from diffuphy.mpm.gather import Gather, Sums, check_gather
 from diffuphy.mpm.kernels import LEFT
 from diffuphy.mpm.leaving import Members
+from diffuphy.mpm.limits import check_limits, check_velocity
 from diffuphy.mpm.report import FrameReport
 from diffuphy.mpm.scene import Scene
 from diffuphy.mpm.solver import Body, Solver, backward_bytes
@@ -113,9 +114,11 @@ def simulate(
     """
     scene = controls.applied(scene)
     check(x, vol, field)
+    check_velocity(velocity, len(x))
     check_gather(gather)
     _check_options(scene, gather, diagnose, report, segment, window, scenes, len(x), threads)
     mixture = make_mixture(tuple(field.elastic), tuple(field.plastic), REAL[x.dtype], tuple(field.branches))
+    check_limits(field, mixture.params)
     matter = make_matter(field, vol, mixture.params, x.dtype, grad)
     if state is None:
         first = velocity if grad or velocity is None else velocity.detach()
@@ -139,7 +142,7 @@ def simulate(
     count = scene.frames if frames is None else frames
     state, _ = members.watch(state, matter.m, 0)
     part = members.matter(matter)
-    clock = clock_of(part)
+    clock = clock_of(part if len(part.m) else matter)
     yield state
     for frame in range(count):
         if len(part.m) == 0:  # everybody has left
@@ -164,7 +167,7 @@ def simulate(
         yield state
         if some_left:
             part = members.matter(matter)
-            clock = clock_of(part)
+            clock = clock_of(part) if len(part.m) else clock
         if window is not None and (frame + 1) % window == 0:
             state = State(*(None if t is None else t.detach() for t in state.tensors()), state.time)  # type: ignore[arg-type]
 

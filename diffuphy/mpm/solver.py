@@ -119,8 +119,8 @@ class Solver:
         if not can_be_elastic(walls):
             scheme = dataclasses.replace(scheme, contact="rigid")
         self.variant = Variant(
-            mixture, REAL[dtype], scheme, signature(walls, scheme.contact == "elastic"), self.planes.any, drive_signature(drives), body is not None,
-            "impulse" in gather, grad or "expected_dv" in gather,
+            mixture, REAL[dtype], scheme, signature(walls, scheme.contact == "elastic"), self.planes.any,
+            drive_signature(drives), body is not None, "impulse" in gather, grad or "expected_dv" in gather,
         )  # fmt: skip
         lanes = Lanes(scenes, particles, threads if self.device.type == "cpu" else 1)
         self._active: tuple[Tensor | None, Grid | None, float, Active | None] = (None, None, 0.0, None)

@@ -29,7 +29,8 @@ def bar(n: int, scheme: Scheme, cfl: float = 0.4, periods: float = 2.0, amplitud
     f = field(len(x), E=E, nu=0.0)
     v = torch.zeros_like(x)
     v[:, 0] = amplitude * C0 * torch.cos(math.pi * x[:, 0])
-    state = initial_state(scene, x, f.rho * vol, make_mixture(f.elastic, f.plastic, wp.float64), v)
+    mixture = make_mixture(f.elastic, f.plastic, wp.float64)
+    state = initial_state(scene, x, make_matter(f, vol, mixture.params, x.dtype), mixture, v)
     state.C[:, 0, 0] = -amplitude * C0 * math.pi * torch.sin(math.pi * x[:, 0])
     return simulate(scene, x, vol, f, state=state), x, vol, f
 

@@ -1,0 +1,65 @@
+"""Parameters for which a law has no meaning are refused by name. The ranges of ``Param`` are narrower: those are what a
+fit searches."""
+
+import math
+
+import torch
+from torch import Tensor
+
+from diffuphy.types import MaterialField
+
+OPEN = {"E": (0.0, math.inf), "nu": (-1.0, 0.5), "bulk_modulus": (0.0, math.inf), "relaxation_time": (0.0, math.inf)}
+"""Parameters that lie strictly between two numbers."""
+
+HALF_OPEN = {
+    "yield_stress": (0.0, math.inf), "friction_angle": (0.0, 90.0), "cohesion": (0.0, math.inf),
+    "viscosity": (0.0, math.inf), "consistency": (0.0, math.inf), "E_N": (0.0, math.inf),
+    "tension_ratio": (0.0, math.inf), "preconsolidation": (0.0, math.inf), "compaction": (0.0, math.inf),
+}  # fmt: skip
+"""Parameters that may be as small as the first and must be less than the second."""
+
+REMEDY = {
+    "nu": "take at most 0.499, and for a liquid the 'fluid' law",
+    "E": "for a liquid take the 'fluid' law",
+    "friction_angle": "degrees, of sand about 35",
+}
+"""What else to do."""
+
+
+def check_limits(field: MaterialField, params: tuple[str, ...]) -> None:
+    """Refuse parameters out of the range in which their law is defined; those that no law of the mixture reads may be
+    anything.
+
+    Raises:
+        ValueError: naming parameter, first particle, value and range.
+    """
+    for name in params:
+        low, high = {**OPEN, **HALF_OPEN}.get(name, (-math.inf, math.inf))
+        t = field.theta[name].detach() if name in field.theta else None
+        if t is None:
+            continue
+        bad = ~((t > low if name in OPEN else t >= low) & (t < high))
+        if bool(bad.any()):
+            p = int(bad.nonzero()[0])
+            bracket = "(" if name in OPEN else "["
+            advice = f"; {REMEDY[name]}" if name in REMEDY else ""
+            raise ValueError(
+                f"{name} of particle {p} is {float(t[p]):g}; it must be in {bracket}{low:g}, {high:g}){advice}"
+            )
+
+
+def check_velocity(velocity: Tensor | None, n: int) -> None:
+    """Refuse an added velocity that is no velocity of ``n`` particles.
+
+    Raises:
+        ValueError: naming its shape, or the first particle for which it is not finite.
+    """
+    if velocity is None:
+        return
+    if tuple(velocity.shape) not in ((3,), (1, 3), (n, 3)):
+        raise ValueError(f"velocity must have shape (3,) or ({n}, 3), got {tuple(velocity.shape)}")
+    finite = torch.isfinite(velocity.detach())
+    if not bool(finite.all()):
+        rows = (~finite).reshape(-1, 3).any(1).nonzero()[:, 0]
+        who = f" of particle {int(rows[0])}" if velocity.dim() == 2 else ""
+        raise ValueError(f"velocity{who} is {velocity.reshape(-1, 3)[rows[0]].tolist()}; it must be finite")
