@@ -31,7 +31,8 @@ class Scene:
     spin: Vec = (0.0, 0.0, 0.0)
     """Initial angular velocity about the centre of mass [rad/s]."""
     lift: float | None = 0.0
-    """Initial height of the underside [m], half a particle below the lowest of their centres; None leaves the particles where they are."""
+    """Initial height of the underside [m], half a particle below the lowest of their centres; None leaves the
+    particles where they are."""
     boundaries: tuple[Boundary, ...] = (HalfSpace(friction=0.5),)
     """Walls, which act in this order; see ``mpm.boundary``."""
     drives: tuple[Drive, ...] = ()

@@ -19,7 +19,8 @@ def films():
         scene = scene_for(verb, SIZE, cells=5, frames=20, fps=20.0)
         x, vol = block((5, 5, 5), scene.dx, dtype=torch.float32)
         x = x - (x.amin(0) + x.amax(0)) / 2
-        out[verb] = list(simulate(scene, x, vol, field(len(x), E=1e5, dtype=torch.float32)))
+        E = 1e6 if verb == "sliding" else 1e5  # a soft cube tips and hops when it is stopped at a quarter of its c
+        out[verb] = list(simulate(scene, x, vol, field(len(x), E=E, dtype=torch.float32)))
     return out
 
 
@@ -38,7 +39,7 @@ def test_things_fall_and_bounce(films):
     """The first landing comes after √(2 h/g), less what the wall reaches up; an elastic body rises again."""
     for verb, lift in (("falling", 0.8 * SIZE), ("bouncing", 1.2 * SIZE)):
         low, _ = heights(films[verb])
-        assert float(low[0]) == pytest.approx(lift, abs=1e-6)
+        assert float(low[0]) == pytest.approx(lift + 0.25 * SIZE / 5, abs=1e-6)  # half a particle above its underside
         landing = math.sqrt(2 * lift / 9.81) * 20
         assert low[: int(landing) - 1].min() > 0.1 * lift
         assert float(low[int(landing) + 2 :].max()) > 0.3 * lift
