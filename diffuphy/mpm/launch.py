@@ -164,7 +164,7 @@ class Command:
     def __init__(self, kernel: wp.Kernel, first: int, count: int, inputs: list[Any], device: str):
         self._places = {arg.label: k for k, arg in enumerate(kernel.adj.args)}
         with LOCK:  # the first launch of a kernel builds and loads it
-            self._launch = wp.launch(kernel, dim=count, inputs=inputs, device=device, record_cmd=True)
+            self._launch: Any = wp.launch(kernel, dim=count, inputs=inputs, device=device, record_cmd=True)
         self._set("start", first)
 
     def _set(self, name: str, value: int) -> None:
