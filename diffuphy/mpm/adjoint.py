@@ -53,7 +53,8 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
     drive_t, accelerate, accelerate_adjoint = drive.drive_t, drive.accelerate, drive.accelerate_adjoint
     hold, hold_adjoint = drive.hold, drive.hold_adjoint
     inverse = real(1 / variant.scheme.inertia)
-    contact, elastic = make_contact(variant.walls, real, variant.scheme.order), variant.elastic
+    elastic = variant.elastic
+    contact = make_contact(variant.walls if elastic else (), real, variant.scheme.order)
     nearest, wall_t = contact.nearest, contact.wall_t
 
     @wp.kernel(module="unique", enable_backward=False)

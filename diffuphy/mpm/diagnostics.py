@@ -121,7 +121,7 @@ def _evaluate(mixture: Any, state: State, matter: Matter, what: str) -> Tensor:
 
 
 @lru_cache
-def _make_evaluate(mixture: Any, real: type, what: str) -> wp.Kernel:
+def _make_evaluate(mixture: Any, real: type, what: str) -> Any:
     """A kernel of one scalar function of the elastic deformation after what flows in no time has flowed."""
     mat33, w_e_t, w_p_t, theta_t = mixture.mat33, mixture.w_e_t, mixture.w_p_t, mixture.theta_t
     memory, memory_t, plastic = len(mixture.memory) > 0, mixture.memory_t, mixture.is_plastic

@@ -53,7 +53,8 @@ def _make_p2g(variant: Variant) -> wp.Kernel:
     drive = make_drives(drives, real)
     drive_t, accelerate, hold = drive.drive_t, drive.accelerate, drive.hold
     inverse, sparse = real(1 / variant.scheme.inertia), variant.sparse
-    contact, elastic, placed = make_contact(variant.walls, real, variant.scheme.order), variant.elastic, rows.placed
+    elastic, placed = variant.elastic, rows.placed
+    contact = make_contact(variant.walls if elastic else (), real, variant.scheme.order)
     nearest, wall_t = contact.nearest, contact.wall_t
 
     @wp.kernel(module="unique", enable_backward=False)

@@ -159,7 +159,7 @@ def _make_affine(spline: SimpleNamespace, node_t: type, real: type, order: int) 
 def _make_classic(spline: SimpleNamespace, node_t: type, real: type, order: int) -> dict[str, wp.Function]:
     """As the affine functions, with columns g0, g1, g2 (here c0, c1, c2) that act on ∇w."""
     vec3 = wp.types.vector(3, real)
-    weights, slopes, curvatures = spline.weights, spline.slopes, spline.curvatures
+    weights, slopes, curvatures, vec_w = spline.weights, spline.slopes, spline.curvatures, spline.vec_w
     K = order + 1
 
     @wp.func(module="unique")
@@ -207,6 +207,33 @@ def _make_classic(spline: SimpleNamespace, node_t: type, real: type, order: int)
         return s, m0, m1, m2, g0, g1, g2
 
     @wp.func(module="unique")
+    def line(rows: wp.array[node_t], o: wp.int32, w: vec_w, d: vec_w, e: vec_w):
+        """Sums over neighbours in memory: w r, w k r, w' r, w' k r, w'' r."""
+        t, m, h, p, q = node_t(), node_t(), node_t(), node_t(), node_t()
+        for k in range(wp.static(K)):
+            r = rows[o + k]
+            t += w[k] * r
+            m += (wp.static(real(k)) * w[k]) * r
+            h += d[k] * r
+            p += (wp.static(real(k)) * d[k]) * r
+            q += e[k] * r
+        return t, m, h, p, q
+
+    @wp.func(module="unique")
+    def slope(
+        t: node_t, m: node_t, h: node_t, p: node_t, q: node_t, row: node_t, a2: node_t, c0: node_t, c1: node_t,
+        c2: node_t, x: vec3, y: vec3,
+    ):  # fmt: skip
+        """∂/∂x of Σ_k r·(w (row + k a2) + C ∇w) along a line; x, y: w, w', w'' along the other axes."""
+        d, e0, e1, e2 = wp.dot(t, row) + wp.dot(m, a2), wp.dot(t, c0), wp.dot(t, c1), wp.dot(h, c2)
+        f = wp.dot(h, row) + wp.dot(p, a2) + wp.dot(q, c2)
+        return vec3(
+            x[1] * y[0] * (d + e2) + x[2] * y[0] * e0 + x[1] * y[1] * e1,
+            x[0] * y[1] * (d + e2) + x[1] * y[1] * e0 + x[0] * y[2] * e1,
+            x[0] * y[0] * f + x[1] * y[0] * wp.dot(h, c0) + x[0] * y[1] * wp.dot(h, c1),
+        )
+
+    @wp.func(module="unique")
     def scatter_adjoint(
         bar: wp.array[node_t], base: wp.int32, n: wp.vec3i, bx: wp.int32, by: wp.int32, bz: wp.int32, f: vec3,
         q: node_t, a0: node_t, a1: node_t, a2: node_t, c0: node_t, c1: node_t, c2: node_t,
@@ -220,31 +247,17 @@ def _make_classic(spline: SimpleNamespace, node_t: type, real: type, order: int)
         for i in range(wp.static(K)):
             for j in range(wp.static(K)):
                 q_ij = q + wp.static(real(i)) * a0 + wp.static(real(j)) * a1
-                o = base + ((bx + i) * n[1] + by + j) * n[2] + bz
-                w, p0, p1 = wx[i] * wy[j], dwx[i] * wy[j], wx[i] * dwy[j]
-                p00, p11, p01 = ex[i] * wy[j], wx[i] * ey[j], dwx[i] * dwy[j]
-                for k in range(wp.static(K)):
-                    g = bar[o + k]
-                    d, e0, e1, e2 = (
-                        wp.dot(g, q_ij + wp.static(real(k)) * a2),
-                        wp.dot(g, c0),
-                        wp.dot(g, c1),
-                        wp.dot(g, c2),
-                    )
-                    z, dz = wz[k], dwz[k]
-                    along += vec3(
-                        p0 * z * d + p00 * z * e0 + p01 * z * e1 + p0 * dz * e2,
-                        p1 * z * d + p01 * z * e0 + p11 * z * e1 + p1 * dz * e2,
-                        w * dz * d + p0 * dz * e0 + p1 * dz * e1 + w * ez[k] * e2,
-                    )
-                    r = (w * z) * g
-                    s += r
-                    m0 += wp.static(real(i)) * r
-                    m1 += wp.static(real(j)) * r
-                    m2 += wp.static(real(k)) * r
-                    g0 += (p0 * z) * g
-                    g1 += (p1 * z) * g
-                    g2 += (w * dz) * g
+                t, m, h, k, c = line(bar, base + ((bx + i) * n[1] + by + j) * n[2] + bz, wz, dwz, ez)
+                x, y = vec3(wx[i], dwx[i], ex[i]), vec3(wy[j], dwy[j], ey[j])
+                along += slope(t, m, h, k, c, q_ij, a2, c0, c1, c2, x, y)
+                w = x[0] * y[0]
+                s += w * t
+                m0 += (wp.static(real(i)) * w) * t
+                m1 += (wp.static(real(j)) * w) * t
+                m2 += w * m
+                g0 += (x[1] * y[0]) * t
+                g1 += (x[0] * y[1]) * t
+                g2 += w * h
         return s, m0, m1, m2, g0, g1, g2, along
 
     @wp.func(module="unique")
@@ -258,24 +271,14 @@ def _make_classic(spline: SimpleNamespace, node_t: type, real: type, order: int)
         dwx, dwy, dwz = slopes(f[0]), slopes(f[1]), slopes(f[2])
         ex, ey, ez = curvatures(f[0]), curvatures(f[1]), curvatures(f[2])
         s, along = node_t(), vec3()
+        scatter(bar, lane, n, bx, by, bz, f, q, b0, b1, b2, c0, c1, c2)
         for i in range(wp.static(K)):
             for j in range(wp.static(K)):
                 q_ij = q + wp.static(real(i)) * b0 + wp.static(real(j)) * b1
-                o = ((bx + i) * n[1] + by + j) * n[2] + bz
-                w, p0, p1 = wx[i] * wy[j], dwx[i] * wy[j], wx[i] * dwy[j]
-                p00, p11, p01 = ex[i] * wy[j], wx[i] * ey[j], dwx[i] * dwy[j]
-                for k in range(wp.static(K)):
-                    h = q_ij + wp.static(real(k)) * b2
-                    r = grid[base + o + k]
-                    z, dz = wz[k], dwz[k]
-                    wp.atomic_add(bar, lane + o + k, (w * z) * h + (p0 * z) * c0 + (p1 * z) * c1 + (w * dz) * c2)
-                    d, e0, e1, e2 = wp.dot(r, h), wp.dot(r, c0), wp.dot(r, c1), wp.dot(r, c2)
-                    along += vec3(
-                        p0 * z * d + p00 * z * e0 + p01 * z * e1 + p0 * dz * e2,
-                        p1 * z * d + p01 * z * e0 + p11 * z * e1 + p1 * dz * e2,
-                        w * dz * d + p0 * dz * e0 + p1 * dz * e1 + w * ez[k] * e2,
-                    )
-                    s += (w * z) * r
+                t, m, h, k, c = line(grid, base + ((bx + i) * n[1] + by + j) * n[2] + bz, wz, dwz, ez)
+                x, y = vec3(wx[i], dwx[i], ex[i]), vec3(wy[j], dwy[j], ey[j])
+                along += slope(t, m, h, k, c, q_ij, b2, c0, c1, c2, x, y)
+                s += (x[0] * y[0]) * t
         return s, along
 
     return {
