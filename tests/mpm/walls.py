@@ -18,33 +18,45 @@ def kernels(walls, real):
     """The kernel that evaluates a list of walls, and its types."""
     contact = make_contact(walls, real)
     apply, adjoint, adjoint_rows, wall_t = contact.apply, contact.adjoint, contact.adjoint_rows, contact.wall_t
-    vec3 = wp.types.vector(3, real)
+    vec3, vec4 = wp.types.vector(3, real), wp.types.vector(4, real)
 
     @wp.kernel(module="unique", enable_backward=False)
     def evaluate(
-        v: wp.array[vec3], r: wp.array[vec3], s: wp.array[wp.int32], row: wp.array2d[wall_t], sdf: wp.array[real],
+        v: wp.array[vec3], r: wp.array[vec3], e: wp.array[vec4], s: wp.array[wp.int32],
+        row: wp.array2d[wall_t], sdf: wp.array[real],
         v_bar: wp.array[vec3], o: wp.array[vec3], o_bar: wp.array[vec3], same_bar: wp.array[vec3],
-        row_bar: wp.array2d[wall_t],
+        e_bar: wp.array[vec4], row_bar: wp.array2d[wall_t],
     ):  # fmt: skip
         p = wp.tid()
-        o[p] = apply(v[p], r[p], row, sdf, s[p])
-        o_bar[p] = adjoint(v[p], r[p], row, sdf, s[p], v_bar[p])
-        same_bar[p] = adjoint_rows(v[p], r[p], row, sdf, s[p], v_bar[p], row_bar)
+        o[p] = apply(v[p], r[p], e[p], row, sdf, s[p])
+        a, b = adjoint(v[p], r[p], e[p], row, sdf, s[p], v_bar[p])
+        c, d = adjoint_rows(v[p], r[p], e[p], row, sdf, s[p], v_bar[p], row_bar)
+        o_bar[p] = a
+        same_bar[p] = c
+        e_bar[p] = real(0.5) * (b + d)
 
     return evaluate, vec3, wall_t
 
 
 def contact(walls: Sequence, v, r, s, row, v_bar=None, real=wp.float64):
-    """Velocities after the walls, gradients in those before, and in the rows, all of M nodes at once.
+    """Velocities after the walls, gradients in those before, and in the rows, all of M nodes at once."""
+    o, o_bar, _, row_bar = elastic_contact(walls, v, r, np.zeros((len(v), 4)), s, row, v_bar, real, elastic=False)
+    return o, o_bar, row_bar
+
+
+def elastic_contact(walls: Sequence, v, r, e, s, row, v_bar=None, real=wp.float64, elastic=True):
+    """The same of walls that may be elastic, and the gradients in what they read.
 
     Args:
         v, r, v_bar: shape (M, 3).
+        e: shape (M, 4).
         s: row of each, shape (M,).
         row: from ``rows``.
     """
-    evaluate, vec3, wall_t = kernels(signature(walls), real)
+    evaluate, vec3, wall_t = kernels(signature(walls, elastic), real)
     row_bar = wp.zeros(row.shape[:2], dtype=wall_t, device="cpu")
     o, o_bar, same_bar = (wp.zeros(len(v), dtype=vec3, device="cpu") for _ in range(3))
+    e_bar = wp.zeros(len(v), dtype=wp.types.vector(4, real), device="cpu")
     v_bar = np.zeros_like(v) if v_bar is None else v_bar
     sdf = wp.array(sdf_samples(walls), dtype=real, device="cpu")
     wp.launch(
@@ -52,6 +64,7 @@ def contact(walls: Sequence, v, r, s, row, v_bar=None, real=wp.float64):
         dim=len(v),
         inputs=[
             *(wp.array(a, dtype=vec3, device="cpu") for a in (v, r)),
+            wp.array(e, dtype=wp.types.vector(4, real), device="cpu"),
             wp.array(s, dtype=wp.int32, device="cpu"),
             wp.array(row, dtype=wall_t, device="cpu"),
             sdf,
@@ -59,12 +72,13 @@ def contact(walls: Sequence, v, r, s, row, v_bar=None, real=wp.float64):
             o,
             o_bar,
             same_bar,
+            e_bar,
             row_bar,
         ],
         device="cpu",
     )
     assert np.array_equal(o_bar.numpy(), same_bar.numpy())
-    return o.numpy(), o_bar.numpy(), row_bar.numpy()
+    return o.numpy(), o_bar.numpy(), e_bar.numpy(), row_bar.numpy()
 
 
 def coulomb(v, n, S, kind, mu):
