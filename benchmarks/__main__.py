@@ -18,6 +18,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 
 QUICK = {
+    "contact": ("--quick", "--out", "{out}"),
     "films": (
         "--prompts",
         "a ball falling",
