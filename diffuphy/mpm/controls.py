@@ -48,7 +48,7 @@ class Controls:
         for k, b in enumerate(scene.boundaries):
             new: dict[str, Any] = {}
             if self.friction is not None and b.kind == "separate":
-                new["friction"] = float(self.friction[k].detach())
+                new["friction"] = self.friction[k].item()
             if self.velocity is not None:
                 new["velocity"] = tuple(self.velocity[k].tolist())
             if self.angular_velocity is not None:
