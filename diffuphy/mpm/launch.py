@@ -3,7 +3,6 @@
 import contextlib
 import dataclasses
 import threading
-import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -16,6 +15,7 @@ from torch import Tensor
 
 from diffuphy.compiling import LOCK
 from diffuphy.mpm.active import Active
+from diffuphy.mpm.barrier import Halted, Step
 from diffuphy.mpm.boundary import N_WALL, Boundary, rows, sdf_samples
 from diffuphy.mpm.drive import Drive, drive_rows, make_drives
 from diffuphy.mpm.mirror import Mirrors
@@ -27,12 +27,6 @@ Range = tuple[int, int]
 
 NUMBERS = ("s", "ws", "at", "to")
 """Arguments that differ between rounds: the round, its row of wall data, first rows of its state and of the next."""
-
-SPINS = 2000
-"""How often a thread that waits asks again at once; about 2 ms, longer than any phase that is worth dividing."""
-
-PAUSE = 5e-5
-"""How long it sleeps between questions after that [s]: its core may be needed by the thread it waits for."""
 
 
 @dataclass(frozen=True)
@@ -269,33 +263,3 @@ class Program:
             thread.join()
         if errors:
             raise errors[0]
-
-
-class Halted(Exception):
-    """Another thread has failed."""
-
-
-class Step:
-    """A barrier for threads that wait microseconds for each other: each counts its own arrivals and yields the
-    interpreter until the others have as many. A lock would put a thread to sleep, and waking takes longer than a phase
-    over the nodes of a small body."""
-
-    def __init__(self, threads: int):
-        self.halted = False
-        """Whether to give up waiting."""
-        self._arrived = [0] * threads
-
-    def wait(self, t: int) -> None:
-        """Return when every thread has called as often as thread ``t``.
-
-        Raises:
-            Halted: another thread has failed.
-        """
-        arrived = self._arrived
-        arrived[t] += 1
-        mine, spins = arrived[t], 0
-        while min(arrived) < mine:
-            if self.halted:
-                raise Halted
-            spins += 1
-            time.sleep(0.0 if spins < SPINS else PAUSE)

@@ -1,13 +1,21 @@
 """A part of the block gives what the whole block gives."""
 
 import dataclasses
+import re
 
 import pytest
 import torch
+import warp as wp
 
+from diffuphy.material import make_mixture
 from diffuphy.mpm import FrameReport, Grid, HalfSpace, Scene, Sphere, clock, rollout, simulate
 from diffuphy.mpm.active import active, widened
+from diffuphy.mpm.kernels import make_kernels
+from diffuphy.mpm.nodes import make_nodes
+from diffuphy.mpm.nodes_adjoint import make_nodes_adjoint
+from diffuphy.mpm.variant import Variant
 from tests.mpm.bodies import block, field
+from tests.mpm.text import source
 
 DX = 0.05
 WALLS = (
@@ -124,6 +132,21 @@ def test_widened_is_a_sum_of_sets():
     expected = torch.zeros_like(mask)
     expected[2:8, 0:4, 5:8] = True
     assert torch.equal(widened(mask, 2, 3), expected)
+
+
+def test_a_compact_body_pays_nothing(tmp_path):
+    """Neither list nor table is read by the kernels of the whole block; those of a part compile for CUDA too."""
+    mixture = make_mixture(("neo_hookean",), ("identity",), wp.float64)
+    for sparse in (False, True):
+        v = Variant(mixture, wp.float64, twice=True, sparse=sparse)
+        kernels = {**vars(make_kernels(v)), **vars(make_nodes(v)), **vars(make_nodes_adjoint(v))}
+        for name, kernel in kernels.items():
+            if name in ("p2g", "g2p") or not sparse:
+                reads = re.findall(r"address\(var_(?:cells|active)\b", re.sub(r"//.*", "", source(kernel)))
+                assert bool(reads) == sparse, name
+            if sparse and name in ("p2g", "g2p", "divide"):
+                wp.compile_aot_module(kernel.module, arch=80, module_dir=tmp_path / name, use_ptx=True)
+                assert len(list((tmp_path / name).glob("*.ptx"))) == 1
 
 
 def test_slack_grows_with_the_block():

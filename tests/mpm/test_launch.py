@@ -6,7 +6,8 @@ import pytest
 import torch
 
 from diffuphy.mpm import HalfSpace, Scene, rollout
-from diffuphy.mpm.launch import Halted, Lanes, Program, Step
+from diffuphy.mpm.barrier import Halted, Step
+from diffuphy.mpm.launch import Lanes, Program
 from tests.mpm.bodies import block, field
 
 SCENE = Scene(dx=0.05, fps=60.0, frames=2, velocity=(0.5, 0.2, -2.0), spin=(1.0, 2.0, 0.0), lift=0.01)
