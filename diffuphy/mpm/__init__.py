@@ -25,7 +25,8 @@ from diffuphy.mpm.sample import Sample, coarsen
 from diffuphy.mpm.scene import SCENES, Scene, scene_for
 from diffuphy.mpm.scheme import Scheme
 from diffuphy.mpm.solver import Solver, backward_bytes
-from diffuphy.mpm.state import Matter, Span, State
+from diffuphy.mpm.span import Span
+from diffuphy.mpm.state import Matter, State
 
 __all__ = [
     "SCENES", "Acceleration", "Attractor", "Balance", "Boundary", "Box", "Controls", "Cylinder", "Diagnostics",

@@ -18,7 +18,6 @@ from types import SimpleNamespace
 import warp as wp
 
 from diffuphy.mpm.adjoint_g2p import make_g2p_adjoint
-from diffuphy.mpm.boundary import make_contact
 from diffuphy.mpm.drive import make_drives
 from diffuphy.mpm.rows import make_rows
 from diffuphy.mpm.transfer import make_transfer
@@ -53,9 +52,7 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
     drive_t, accelerate, accelerate_adjoint = drive.drive_t, drive.accelerate, drive.accelerate_adjoint
     hold, hold_adjoint = drive.hold, drive.hold_adjoint
     inverse = real(1 / variant.scheme.inertia)
-    elastic = variant.elastic
-    contact = make_contact(variant.walls if elastic else (), real, variant.scheme.order)
-    nearest, wall_t = contact.nearest, contact.wall_t
+    beside, wall_t = make_rows(variant).beside, make_rows(variant).wall_t
 
     @wp.kernel(module="unique", enable_backward=False)
     def p2g_adjoint(
@@ -129,16 +126,12 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
         if wp.static(not classic):
             k *= inverse
         base = (p // per_scene) * (n[0] * n[1] * n[2])
-        phi, normal = real(0.0), vec3()
-        if wp.static(elastic):
-            phi, normal = nearest(place, dx, wall_row, sdf, ws)
-        S, S_f, A_bar, tau_bar, m_i, phi_i, along = from_nodes(
-            bar, base, n, bx, by, bz, f, m_p, v_p, (m_p * dx) * C_p, (kick * m_p) * a_p, k, tau, phi
+        phi, normal = beside(place, dx, wall_row, sdf, ws)
+        S, S_f, A_bar, tau_bar, m_i, along = from_nodes(
+            bar, base, n, bx, by, bz, f, m_p, v_p, (m_p * dx) * C_p, (kick * m_p) * a_p, k, tau, phi, normal
         )
         v_b, C_b = m_p * S, (m_p * dx) * A_bar
         x_bar[p] = x_bar[p] + idx * along
-        if wp.static(elastic):
-            x_bar[p] = x_bar[p] + (m_p * phi_i * idx) * normal
         if wp.static(driven):
             r_b, v_a = accelerate_adjoint(place, v_p, tag[p], drive_row, s, (kick * m_p) * S_f)
             r_h, v_b, C_b = hold_adjoint(place, v[r], C[r], tag[p], drive_row, s, v_b + v_a, C_b)
@@ -165,8 +158,6 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
             theta_bar[p] = theta_bar[p] + th_b
         if need_m:
             m_bar[p] = m_bar[p] + wp.dot(S, v_p) + dx * wp.ddot(A_bar, C_p) + m_i + kick * wp.dot(S_f, a_p)
-            if wp.static(elastic):
-                m_bar[p] = m_bar[p] + phi_i * phi
 
     return p2g_adjoint
 
@@ -183,7 +174,7 @@ def _make_from_nodes(variant: Variant) -> wp.Function:
     @wp.func(module="unique")
     def from_nodes(
         bar: wp.array[node_t], base: wp.int32, n: wp.vec3i, bx: wp.int32, by: wp.int32, bz: wp.int32, f: vec3,
-        m: real, v: vec3, A: mat33, g: vec3, k: real, tau: mat33, phi: real,
+        m: real, v: vec3, A: mat33, g: vec3, k: real, tau: mat33, phi: real, normal: vec3,
     ):  # fmt: skip
         q, T, z, o = m * v - A * f, k * tau, vec3(), real(0.0)
         tau_bar = mat33()
@@ -205,6 +196,7 @@ def _make_from_nodes(variant: Variant) -> wp.Function:
             tau_bar = k * moments(second(sum), second(m0), second(m1), second(m2), f)
             along -= wp.transpose(A) * first(sum) + wp.transpose(T) * second(sum)
         A_bar = moments(first(sum), first(m0), first(m1), first(m2), f)
-        return first(sum), second(sum), A_bar, tau_bar, sum[3], sum[7], along
+        along += (m * sum[7]) * normal
+        return first(sum), second(sum), A_bar, tau_bar, sum[3] + sum[7] * phi, along
 
     return from_nodes

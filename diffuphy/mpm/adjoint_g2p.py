@@ -4,7 +4,7 @@ import warp as wp
 
 from diffuphy.material import linalg
 from diffuphy.mpm.drive import make_drives
-from diffuphy.mpm.rows import make_rows
+from diffuphy.mpm.rows import make_around, make_rows
 from diffuphy.mpm.transfer import make_transfer
 from diffuphy.mpm.variant import Variant
 
@@ -16,7 +16,7 @@ def make_g2p_adjoint(variant: Variant) -> wp.Kernel:
     memory_t = mixture.memory_t
     transfer, rows, drives = make_transfer(variant.scheme, real), make_rows(variant), variant.drives
     spline, carried_adjoint = transfer.spline, rows.carried_adjoint
-    around, to_nodes = _make_around(variant), _make_to_nodes(variant)
+    around, to_nodes = make_around(variant), _make_to_nodes(variant)
     cell, eye, cofactor = spline.cell, spline.eye, linalg.build(real).cofactor
     plastic, branched = mixture.is_plastic, len(mixture.branches) > 0
     opens = "log_J" in mixture.memory
@@ -64,12 +64,11 @@ def make_g2p_adjoint(variant: Variant) -> wp.Kernel:
         idx = real(1.0) / dx
         place = (X[p] - low) + u[r]
         bx, by, bz, f = cell(place * idx)
-        step = steps[s]
-        dt, alpha = step[0], step[2]
+        dt, alpha = steps[s][0], steps[s][2]
         nodes = n[0] * n[1] * n[2]
         base, lane = (p // per_scene) * nodes, (p // per) * nodes
         c = inverse * idx
-        B, L, V_0, B_0 = around(grid_v, base, n, bx, by, bz, f, idx)
+        B, L, _V, V_0, B_0 = around(grid_v, base, n, bx, by, bz, f, idx)
         if wp.static(driven):
             _v, L = hold(place, v[r], L, tag[p], drive_row, s)
         x_next = x_bar[p]
@@ -122,37 +121,6 @@ def make_g2p_adjoint(variant: Variant) -> wp.Kernel:
         x_bar[p] = x_next + idx * along
 
     return g2p_adjoint
-
-
-def _make_around(variant: Variant) -> wp.Function:
-    """Warp function: B, L, V⁰ and B⁰ at a particle, the last two only if particles keep something of their velocity."""
-    real, vec3, mat33, node_t = variant.real, variant.vec3, variant.mat33, variant.node_t
-    gather, rows = make_transfer(variant.scheme, real).gather, make_rows(variant)
-    first, second, moments = rows.first, rows.second, rows.moments
-    classic, keeps = variant.scheme.force == "classic", variant.scheme.keeps
-    inverse = real(1 / variant.scheme.inertia)
-
-    @wp.func(module="unique")
-    def around(
-        grid_v: wp.array[node_t], base: wp.int32, n: wp.vec3i, bx: wp.int32, by: wp.int32, bz: wp.int32, f: vec3,
-        idx: real,
-    ):  # fmt: skip
-        c = inverse * idx
-        L, V_0, B_0 = mat33(), vec3(), mat33()
-        if wp.static(classic):
-            sum, m0, m1, m2, g0, g1, g2 = gather(grid_v, base, n, bx, by, bz, f)
-            L = wp.matrix_from_cols(idx * first(g0), idx * first(g1), idx * first(g2))
-        else:
-            sum, m0, m1, m2 = gather(grid_v, base, n, bx, by, bz, f)
-        B = c * moments(first(sum), first(m0), first(m1), first(m2), f)
-        if wp.static(not classic):
-            L = B
-        if wp.static(keeps):
-            V_0 = second(sum)
-            B_0 = c * moments(V_0, second(m0), second(m1), second(m2), f)
-        return B, L, V_0, B_0
-
-    return around
 
 
 def _make_to_nodes(variant: Variant) -> wp.Function:

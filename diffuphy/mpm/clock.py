@@ -17,7 +17,8 @@ from diffuphy.mpm.diagnostics import waves
 from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.scene import Scene
 from diffuphy.mpm.solver import Solver
-from diffuphy.mpm.state import Matter, Span, State
+from diffuphy.mpm.span import Span
+from diffuphy.mpm.state import Matter, State
 from diffuphy.types import MaterialField, SimulationDiverged
 
 STABLE = 0.8

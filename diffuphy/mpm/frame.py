@@ -8,7 +8,8 @@ from torch import Tensor
 from diffuphy.mpm.clock import Clock
 from diffuphy.mpm.controls import Controls
 from diffuphy.mpm.solver import Solver
-from diffuphy.mpm.state import Bars, Matter, Span, State
+from diffuphy.mpm.span import Span
+from diffuphy.mpm.state import Bars, Matter, State
 from diffuphy.mpm.trouble import blame_gradient, unbounded
 
 

@@ -20,9 +20,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from diffuphy.mpm.boundary import make_contact
 from diffuphy.mpm.drive import make_drives
-from diffuphy.mpm.rows import make_rows
+from diffuphy.mpm.rows import make_around, make_rows
 from diffuphy.mpm.transfer import make_transfer
 from diffuphy.mpm.variant import Variant
 
@@ -43,19 +42,14 @@ def _make_p2g(variant: Variant) -> wp.Kernel:
     mixture, real = variant.mixture, variant.real
     vec3, mat33, node_t, step_t = variant.vec3, variant.mat33, variant.node_t, variant.step_t
     w_e_t, w_p_t, theta_t, memory_t = mixture.w_e_t, mixture.w_p_t, mixture.theta_t, mixture.memory_t
-    transfer, rows, drives = make_transfer(variant.scheme, real), make_rows(variant), variant.drives
-    spline, scatter, row, column = transfer.spline, transfer.scatter, rows.row, rows.column
-    inside, cell, eye = spline.inside, spline.cell, spline.eye
+    spline, rows, drives = make_transfer(variant.scheme, real).spline, make_rows(variant), variant.drives
+    inside, cell, eye, bring = spline.inside, spline.cell, spline.eye, _make_bring(variant)
     stress, branch_stress = mixture.stress, mixture.branch_stress
     plastic, memory, branched = mixture.is_plastic, len(mixture.memory) > 0, len(mixture.branches) > 0
-    material_of = rows.material_of
-    body, driven, classic = variant.body, len(drives) > 0, variant.scheme.force == "classic"
+    material_of, beside, wall_t = rows.material_of, rows.beside, rows.wall_t
+    body, driven, sparse = variant.body, len(drives) > 0, variant.sparse
     drive = make_drives(drives, real)
     drive_t, accelerate, hold = drive.drive_t, drive.accelerate, drive.hold
-    inverse, sparse = real(1 / variant.scheme.inertia), variant.sparse
-    elastic, placed = variant.elastic, rows.placed
-    contact = make_contact(variant.walls if elastic else (), real, variant.scheme.order)
-    nearest, wall_t = contact.nearest, contact.wall_t
 
     @wp.kernel(module="unique", enable_backward=False)
     def p2g(
@@ -131,35 +125,44 @@ def _make_p2g(variant: Variant) -> wp.Kernel:
             a_p = accelerate(place, v_p, tag[p], drive_row, s)
         if wp.static(body):
             a_p += b[p]
-        A = (m_p * dx) * C_p  # per cell, not per metre
         T = (-kick * vol[p] * idx) * tau
-        q3, f3 = m_p * v_p - A * f, vec3()
-        if wp.static(body or driven):
-            f3 += (kick * m_p) * a_p
-        z, o = vec3(), real(0.0)
+        phi, _n = beside(place, dx, wall_row, sdf, ws)
         base = (p // per) * (n[0] * n[1] * n[2])
-        brought = row(q3, m_p, f3)
-        if wp.static(not classic):
-            T = inverse * T
-            brought = row(q3, m_p, f3 - T * f)
-        if wp.static(elastic):
-            phi, _n = nearest(place, dx, wall_row, sdf, ws)
-            brought = placed(brought, phi)
+        bring(grid, base, n, bx, by, bz, f, m_p, v_p, (m_p * dx) * C_p, (kick * m_p) * a_p, T, phi)
+
+    return p2g
+
+
+def _make_bring(variant: Variant) -> wp.Function:
+    """Warp function: gives its nodes what a particle brings: mass, momentum m v with the affine part A per cell,
+    impulse g, that of stress T per cell, and mass times the distance φ to a wall."""
+    real, vec3, mat33, node_t = variant.real, variant.vec3, variant.mat33, variant.node_t
+    scatter, rows = make_transfer(variant.scheme, real).scatter, make_rows(variant)
+    row, placed, column = rows.row, rows.placed, rows.column
+    classic, inverse = variant.scheme.force == "classic", real(1 / variant.scheme.inertia)
+
+    @wp.func(module="unique")
+    def bring(
+        grid: wp.array[node_t], base: wp.int32, n: wp.vec3i, bx: wp.int32, by: wp.int32, bz: wp.int32, f: vec3,
+        m: real, v: vec3, A: mat33, g: vec3, T: mat33, phi: real,
+    ):  # fmt: skip
+        q, z, o = m * v - A * f, vec3(), real(0.0)
         if wp.static(classic):
             scatter(
-                grid, base, n, bx, by, bz, f, brought,
+                grid, base, n, bx, by, bz, f, placed(row(q, m, g), phi),
                 row(column(A, 0), o, z), row(column(A, 1), o, z), row(column(A, 2), o, z),
                 row(z, o, column(T, 0)), row(z, o, column(T, 1)), row(z, o, column(T, 2)),
             )  # fmt: skip
         else:
+            T = inverse * T
             scatter(
-                grid, base, n, bx, by, bz, f, brought,
+                grid, base, n, bx, by, bz, f, placed(row(q, m, g - T * f), phi),
                 row(column(A, 0), o, column(T, 0)),
                 row(column(A, 1), o, column(T, 1)),
                 row(column(A, 2), o, column(T, 2)),
             )  # fmt: skip
 
-    return p2g
+    return bring
 
 
 def _make_g2p(variant: Variant) -> wp.Kernel:
@@ -167,18 +170,16 @@ def _make_g2p(variant: Variant) -> wp.Kernel:
     vec3, mat33, node_t, step_t, memory_t = (
         variant.vec3, variant.mat33, variant.node_t, variant.step_t, mixture.memory_t
     )  # fmt: skip
-    transfer, rows, drives = make_transfer(variant.scheme, real), make_rows(variant), variant.drives
-    spline, gather, log_det = transfer.spline, transfer.gather, rows.log_det
-    first, second, moments = rows.first, rows.second, rows.moments
+    spline, drives = make_transfer(variant.scheme, real).spline, variant.drives
+    around, log_det = make_around(variant), make_rows(variant).log_det
     inside, cell, eye = spline.inside, spline.cell, spline.eye
     plastic, branched = mixture.is_plastic, len(mixture.branches) > 0
     opens = "log_J" in mixture.memory
     at_log_J = mixture.memory.index("log_J") if opens else 0
-    driven, classic, keeps = len(drives) > 0, variant.scheme.force == "classic", variant.scheme.keeps
-    turns = variant.scheme.retain > 0.0
+    driven, keeps, turns = len(drives) > 0, variant.scheme.keeps, variant.scheme.retain > 0.0
     drive = make_drives(drives, real)
     drive_t, hold = drive.drive_t, drive.hold
-    inverse, sparse = real(1 / variant.scheme.inertia), variant.sparse
+    sparse = variant.sparse
 
     @wp.kernel(module="unique", enable_backward=False)
     def g2p(
@@ -225,17 +226,7 @@ def _make_g2p(variant: Variant) -> wp.Kernel:
                 return
         dt, alpha = steps[s][0], steps[s][2]
         base = (p // per) * (n[0] * n[1] * n[2])
-        c = inverse * idx
-        L = mat33()
-        if wp.static(classic):
-            sum, m0, m1, m2, g0, g1, g2 = gather(grid_v, base, n, bx, by, bz, f)
-            L = wp.matrix_from_cols(idx * first(g0), idx * first(g1), idx * first(g2))
-        else:
-            sum, m0, m1, m2 = gather(grid_v, base, n, bx, by, bz, f)
-        v_p = first(sum)
-        C_p = c * moments(v_p, first(m0), first(m1), first(m2), f)
-        if wp.static(not classic):
-            L = C_p
+        C_p, L, v_p, V_0, B_0 = around(grid_v, base, n, bx, by, bz, f, idx)
         if wp.static(driven):
             _v, L = hold(place, v_p, L, tag[p], drive_row, s)
         if wp.static(keeps):
@@ -243,8 +234,6 @@ def _make_g2p(variant: Variant) -> wp.Kernel:
             C_0 = C[r]
             if wp.static(driven):
                 v_0, C_0 = hold(place, v_0, C_0, tag[p], drive_row, s)
-            V_0 = second(sum)
-            B_0 = c * moments(V_0, second(m0), second(m1), second(m2), f)
             if wp.static(turns):
                 K = C_p * L
                 C_p -= (real(0.5) * dt) * (K + wp.transpose(K))

@@ -19,7 +19,8 @@ from diffuphy.mpm.barrier import Halted, Step
 from diffuphy.mpm.boundary import N_WALL, Boundary, rows, sdf_samples
 from diffuphy.mpm.drive import Drive, drive_rows, make_drives
 from diffuphy.mpm.mirror import Mirrors
-from diffuphy.mpm.state import Matter, Rows, Span, view
+from diffuphy.mpm.span import Span
+from diffuphy.mpm.state import Matter, Rows, view
 from diffuphy.mpm.variant import Variant
 
 Range = tuple[int, int]

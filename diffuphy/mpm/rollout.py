@@ -22,7 +22,8 @@ from diffuphy.mpm.limits import check_limits, check_velocity
 from diffuphy.mpm.report import FrameReport
 from diffuphy.mpm.scene import Scene
 from diffuphy.mpm.solver import Body, Solver, backward_bytes
-from diffuphy.mpm.state import REAL, Matter, Rows, Span, State, check, check_state, initial_state, make_matter, placed
+from diffuphy.mpm.span import Span
+from diffuphy.mpm.state import REAL, Matter, Rows, State, check, check_state, initial_state, make_matter, placed
 from diffuphy.mpm.trouble import Trouble, blame, trouble_of
 from diffuphy.types import MaterialField, Trajectory
 

@@ -1,9 +1,12 @@
 """The row of eight numbers that a particle and a node exchange, and what else both directions of the kernels share."""
 
+from functools import lru_cache
 from types import SimpleNamespace
 
 import warp as wp
 
+from diffuphy.mpm.boundary import make_contact
+from diffuphy.mpm.transfer import make_transfer
 from diffuphy.mpm.variant import Variant
 
 
@@ -13,6 +16,9 @@ def make_rows(variant: Variant) -> SimpleNamespace:
 
 
 def _make_rows(v: Variant) -> SimpleNamespace:
+    elastic = v.elastic
+    contact = make_contact(v.walls if elastic else (), v.real, v.scheme.order)
+    nearest, wall_t = contact.nearest, contact.wall_t
     real, vec3, mat33, node_t, mixture = v.real, v.vec3, v.mat33, v.node_t, v.mixture
     w_e_t, w_p_t, theta_t = mixture.w_e_t, mixture.w_p_t, mixture.theta_t
     mixes_e, mixes_p = mixture.Ke > 1, mixture.Kp > 1
@@ -84,8 +90,49 @@ def _make_rows(v: Variant) -> SimpleNamespace:
             b = w_p[p]
         return a, b, theta[p]
 
+    @wp.func(module="unique")
+    def beside(place: vec3, dx: real, wall_row: wp.array2d[wall_t], sdf: wp.array[real], ws: wp.int32):
+        """Distance of a particle to the nearest elastic wall [Δx], and the direction that leads away from it."""
+        if wp.static(elastic):
+            phi, normal = nearest(place, dx, wall_row, sdf, ws)
+            return phi, normal
+        else:
+            return real(0.0), vec3()
+
     return SimpleNamespace(
-        row=row, placed=placed, first=first, second=second, column=column, moments=moments, affine=affine,
-        material_of=material_of,
-        carried_adjoint=carried_adjoint, log_det=log_det,
+        row=row, placed=placed, beside=beside, wall_t=wall_t, first=first, second=second, column=column,
+        moments=moments, affine=affine, material_of=material_of, carried_adjoint=carried_adjoint, log_det=log_det,
     )  # fmt: skip
+
+
+@lru_cache
+def make_around(variant: Variant) -> wp.Function:
+    """Warp function: B, L, V, and V⁰ and B⁰ at a particle, the last two only if particles keep something of their
+    velocity."""
+    real, vec3, mat33, node_t = variant.real, variant.vec3, variant.mat33, variant.node_t
+    gather, rows = make_transfer(variant.scheme, real).gather, make_rows(variant)
+    first, second, moments = rows.first, rows.second, rows.moments
+    classic, keeps = variant.scheme.force == "classic", variant.scheme.keeps
+    inverse = real(1 / variant.scheme.inertia)
+
+    @wp.func(module="unique")
+    def around(
+        grid_v: wp.array[node_t], base: wp.int32, n: wp.vec3i, bx: wp.int32, by: wp.int32, bz: wp.int32, f: vec3,
+        idx: real,
+    ):  # fmt: skip
+        c = inverse * idx
+        L, V_0, B_0 = mat33(), vec3(), mat33()
+        if wp.static(classic):
+            sum, m0, m1, m2, g0, g1, g2 = gather(grid_v, base, n, bx, by, bz, f)
+            L = wp.matrix_from_cols(idx * first(g0), idx * first(g1), idx * first(g2))
+        else:
+            sum, m0, m1, m2 = gather(grid_v, base, n, bx, by, bz, f)
+        B = c * moments(first(sum), first(m0), first(m1), first(m2), f)
+        if wp.static(not classic):
+            L = B
+        if wp.static(keeps):
+            V_0 = second(sum)
+            B_0 = c * moments(V_0, second(m0), second(m1), second(m2), f)
+        return B, L, first(sum), V_0, B_0
+
+    return around

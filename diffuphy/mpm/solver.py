@@ -22,7 +22,8 @@ from diffuphy.mpm.launch import Arguments, Bound, Lanes
 from diffuphy.mpm.mirror import REACH, Mirrors, mirrors
 from diffuphy.mpm.program import backward, forward
 from diffuphy.mpm.scheme import Scheme
-from diffuphy.mpm.state import REAL, Bars, Matter, Rows, Span, State
+from diffuphy.mpm.span import Span
+from diffuphy.mpm.state import REAL, Bars, Matter, Rows, State
 from diffuphy.mpm.variant import Variant
 
 SEGMENT_BYTES = 3 * 2**24

@@ -10,7 +10,8 @@ from diffuphy.mpm.adjoint import Needs
 from diffuphy.mpm.clock import Clock
 from diffuphy.mpm.kernels import FAST, INVERTED, LEFT
 from diffuphy.mpm.solver import Solver
-from diffuphy.mpm.state import Bars, Matter, Span, State
+from diffuphy.mpm.span import Span
+from diffuphy.mpm.state import Bars, Matter, State
 from diffuphy.types import SimulationDiverged
 
 
