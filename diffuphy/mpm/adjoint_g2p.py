@@ -64,8 +64,7 @@ def make_g2p_adjoint(variant: Variant) -> wp.Kernel:
         idx = real(1.0) / dx
         place = (X[p] - low) + u[r]
         bx, by, bz, f = cell(place * idx)
-        step = steps[s]
-        dt, alpha = step[0], step[2]
+        dt, alpha = steps[s][0], steps[s][2]
         nodes = n[0] * n[1] * n[2]
         base, lane = (p // per_scene) * nodes, (p // per) * nodes
         c = inverse * idx
@@ -83,9 +82,9 @@ def make_g2p_adjoint(variant: Variant) -> wp.Kernel:
         A_bar, e_bar = carried_adjoint(He_bar[p], He[wp.where(wp.static(plastic), p, r)], A)
         He_bar[p] = e_bar
         if wp.static(plastic):
-            A_t, t_bar = carried_adjoint(H_bar[p], H[r], A)
+            A_t, e_bar = carried_adjoint(H_bar[p], H[r], A)
             A_bar += A_t
-            H_bar[p] = t_bar
+            H_bar[p] = e_bar
         if wp.static(branched):
             A_n, n_bar = carried_adjoint(HN_bar[p], HN[p], A)
             A_bar += A_n
