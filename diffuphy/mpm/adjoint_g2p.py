@@ -82,9 +82,9 @@ def make_g2p_adjoint(variant: Variant) -> wp.Kernel:
         A_bar, e_bar = carried_adjoint(He_bar[p], He[wp.where(wp.static(plastic), p, r)], A)
         He_bar[p] = e_bar
         if wp.static(plastic):
-            A_t, t_bar = carried_adjoint(H_bar[p], H[r], A)
+            A_t, e_bar = carried_adjoint(H_bar[p], H[r], A)
             A_bar += A_t
-            H_bar[p] = t_bar
+            H_bar[p] = e_bar
         if wp.static(branched):
             A_n, n_bar = carried_adjoint(HN_bar[p], HN[p], A)
             A_bar += A_n
