@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from diffuphy.mpm.boundary.layout import STIFFNESS
 from diffuphy.mpm.grid import Grid
 
 
@@ -43,13 +44,13 @@ class Span:
 
     @property
     def omega2(self) -> float:
-        """Square of the frequency of elastic contact, ω = c/Δx [1/s²]."""
-        return (self.wave / self.grid.dx) ** 2
+        """Square of the frequency of elastic contact, ω² = STIFFNESS c²/Δx² [1/s²]."""
+        return STIFFNESS * (self.wave / self.grid.dx) ** 2
 
     def wave_bar(self, alpha_bar: float, omega_bar: float) -> float:
         """Gradient in c of a loss with those in α and in ω²."""
         alpha = -self.dt * self.alpha / (self.retain * self.grid.dx) * alpha_bar if self.retain > 0.0 else 0.0
-        return alpha + 2.0 * self.wave / self.grid.dx**2 * omega_bar
+        return alpha + 2.0 * STIFFNESS * self.wave / self.grid.dx**2 * omega_bar
 
     def table(self) -> np.ndarray:
         """Drift Δt [s], kick Δt [s], α and ω² of each round, shape (steps, 4)."""

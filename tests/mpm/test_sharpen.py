@@ -32,7 +32,8 @@ def S():
         acc, sigma = (wp.array(r, dtype=node_t, device="cpu") for r in (rows, np.zeros_like(rows)))
         out = wp.zeros(m.size, dtype=vec3, device="cpu")
         n = wp.vec3i(*m.shape)
-        wp.launch(parts.cells, dim=m.size, inputs=[acc, n, 0, sigma], device="cpu")
+        nobody = wp.zeros(0, dtype=wp.int32, device="cpu")  # no list of active nodes
+        wp.launch(parts.cells, dim=m.size, inputs=[acc, n, 0, nobody, sigma], device="cpu")
         wp.launch(apply, dim=m.size, inputs=[acc, sigma, n, out], device="cpu")
         return out.numpy().reshape(*m.shape, 3)
 

@@ -5,9 +5,9 @@ back while it is still almost a cell above. Here a node pushes only as far as th
 matter that just touches the wall would: with x̄ = Σ w m φ(x_p)/Σ w m the mean distance of the particles of a node to the
 wall, X(φ_i) the same of matter that fills all φ > 0, both in cells,
 
-    a_n = r(φ_i) max(ω² Δx (X(φ_i) − x̄) − 2 ζ ω u_n, 0) where X(φ_i) > x̄,     ω = c/Δx,     u_n ← u_n + k a_n
+    a_n = r(φ_i) max(ω² Δx (X(φ_i) − x̄) − 2 ζ ω u_n, 0) where X(φ_i) > x̄,     ω² = 2 c²/Δx²,     u_n ← u_n + k a_n
 
-with r = 1 behind the wall and falling to 0 half a cell in front: a spring of half a cell of the stiffest material, and
+with r = 1 behind the wall and falling to 0 half a cell in front: a spring of one cell of the stiffest material, and
 a damper that lets a body at rest come to rest. Friction is Coulomb's law for the impulse k a_n. Nodes deeper than HARD
 cells are held as those of a rigid wall, so that nothing gets through.
 

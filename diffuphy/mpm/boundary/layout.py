@@ -22,6 +22,10 @@ Boundary = HalfSpace | Sphere | Box | Cylinder | Mesh
 Signature = tuple[tuple[str, str, bool, bool, bool], ...]
 """Shape, kind, friction or none, turning or not, elastic or not, of each wall."""
 
+STIFFNESS = 2.0
+"""ω² of elastic contact [c²/Δx²]: a plane of nodes on a wall has half the mass of a cell, so this is the stiffness of a
+whole cell of the stiffest material. A step of 0.8 Δx/c has ωΔt = 1.1; up to 1.5 would be stable with the damper."""
+
 DAMPING = 0.3
 """ζ of elastic contact [-]: a body at rest comes to rest, and a ball loses 2 % more of its speed in a bounce."""
 
