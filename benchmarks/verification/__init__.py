@@ -5,11 +5,24 @@ python -m benchmarks verification B2 B3 --scheme all    # two of them under ever
 python -m benchmarks verification --tier 0              # those of the daily tests
 """
 
-from benchmarks.verification import adjoints, free, gradients, impact, invariance, laws, manufactured, waves
+from benchmarks.verification import (
+    adjoints,
+    extremes,
+    flows,
+    free,
+    friction,
+    gradients,
+    impact,
+    invariance,
+    laws,
+    manufactured,
+    points,
+    waves,
+)
 from benchmarks.verification.case import CASES, SETTINGS, Case, Check, Setting
 from benchmarks.verification.report import main
 
 __all__ = [
-    "CASES", "SETTINGS", "Case", "Check", "Setting", "adjoints", "free", "gradients", "impact", "invariance", "laws",
-    "main", "manufactured", "waves",
+    "CASES", "SETTINGS", "Case", "Check", "Setting", "adjoints", "extremes", "flows", "free", "friction", "gradients", "impact", "invariance", "laws",
+    "main", "manufactured", "points", "waves",
 ]  # fmt: skip
