@@ -10,6 +10,7 @@ import torch
 from diffuphy.mpm.boundary import HalfSpace
 from diffuphy.mpm.rollout import FrameReport, simulate
 from diffuphy.mpm.scene import Scene, scene_for
+from diffuphy.mpm.scheme import Scheme
 from diffuphy.mpm.solver import State
 from diffuphy.types import MaterialField, Motion, Particles, Trajectory
 from diffuphy.workspace import Workspace
@@ -33,8 +34,10 @@ class Simulate:
     """Coulomb coefficient of the floor, plate and ball [-]."""
     cfl: float = 0.4
     """Courant number; explicit steps are stable to about 0.8."""
+    scheme: Scheme = Scheme()
+    """Transfer between particles and grid, walls and time integration."""
     double: bool = False
-    """Compute in float64: for stiff bodies at rest, at about twice the time."""
+    """Compute in float64, at about twice the time."""
 
     def __post_init__(self) -> None:
         if not (self.seconds > 0 and self.fps > 0 and self.particles_per_cell > 0):
@@ -49,7 +52,8 @@ class Simulate:
         """The scene of the motion word, on a grid that fits the particles."""
         frames = max(1, round(self.seconds * self.fps))
         scene = scene_for(motion.verb, motion.size, frames=frames, fps=self.fps, friction=self.friction, cfl=self.cfl)
-        return dataclasses.replace(scene, dx=particles.spacing * self.particles_per_cell ** (1 / 3))
+        dx = particles.spacing * self.particles_per_cell ** (1 / 3)
+        return dataclasses.replace(scene, dx=dx, scheme=self.scheme)
 
     def __call__(self, motion: Motion, particles: Particles, field: MaterialField, *, work: Workspace) -> Trajectory:
         """Positions, velocities and total deformation gradients at every frame, the initial one first."""
