@@ -41,7 +41,9 @@ def refused(what: Callable[[], object], *errors: type[Exception], words: tuple[s
     return 0.0
 
 
-def sheared(law: str, theta: dict[str, float], rate: float, dt: float, steps: int) -> tuple[Tensor, Tensor, list[float]]:
+def sheared(
+    law: str, theta: dict[str, float], rate: float, dt: float, steps: int
+) -> tuple[Tensor, Tensor, list[float]]:
     """τ [Pa] and Fe after steady simple shear, F ← (I + Δt L) F, L12 = ``rate`` [1/s], and the energy that each step
     sheds by flow [Pa]."""
     params = SOLID | theta
