@@ -8,7 +8,7 @@ from torch import Tensor
 
 from benchmarks.verification.bodies import Body, block, crossings, momentum
 from benchmarks.verification.case import Check, Setting, at_most, case, near, within
-from benchmarks.verification.points import refused
+from benchmarks.verification.points import refused, yes
 from diffuphy.mpm import HalfSpace, State, simulate
 from diffuphy.mpm.report import FrameReport
 from diffuphy.types import SimulationDiverged
@@ -30,11 +30,6 @@ def film(s: Setting, body: Body, fps: float, frames: int, **rest: object) -> tup
     reports: list[FrameReport] = []
     states = simulate(scene, body.x, body.vol, body.field, frames=frames, report=reports, **options)  # type: ignore[arg-type]
     return list(states), reports
-
-
-def yes(what: str, truth: bool) -> Check:
-    """1 if true."""
-    return near(f"{what} (1: yes)", float(truth), 1.0, 0.0)
 
 
 def column(s: Setting, E: float, g: float, dtype: torch.dtype) -> tuple[float, float, Tensor]:
@@ -99,8 +94,8 @@ def cube(dtype: torch.dtype = torch.float64, cells: int = 2, **material: float |
 
 @case("D3", "Time steps that are too long", schemes=("default",))
 def unstable(s: Setting) -> list[Check]:
-    """A pinned Δt of 2, 10, 100 times 0.8 Δx/(c + |v|) is refused before the first step, with the largest that would do;
-    that one is stable.
+    """A pinned Δt of 2, 10, 100 times 0.8 Δx/(c + |v|) is refused before the first step, with the largest that would
+    do; that one is stable.
 
     Energy of a vibrating cube after 200 such steps: not more than at first, by 1 % (Δt² errors at CFL 0.8).
     """
@@ -113,8 +108,8 @@ def unstable(s: Setting) -> list[Check]:
         pinned = refused(
             lambda t=long: film(s, body, 1 / (400 * limit), 1, velocity=v, dt=t), words=("unstable", "use")
         )
-        checks.append(yes(f"refused at {factor:g} times", bool(pinned)))
-    states, reports = film(s, body, 1 / (50 * limit * 0.999), 4, velocity=v, dt=limit, diagnose=True)
+        checks.append(yes(f"refused at {factor:g} times", pinned))
+    _, reports = film(s, body, 1 / (50 * limit * 0.999), 4, velocity=v, dt=limit, diagnose=True)
     first = 0.5 * float((body.m[:, None] * v * v).sum())
     last = reports[-1].balance.end  # type: ignore[union-attr]
     return [*checks, within("energy after 200 of the largest steps", (last.kinetic + last.elastic) / first, 0.5, 1.01)]
@@ -136,9 +131,7 @@ def incompressible(s: Setting) -> list[Check]:
         checks.append(at_most(f"|volume after/before − 1|, ν = {nu}", abs(J - 1), 1e-2))
         checks.append(near(f"c/√(M/ρ), ν = {nu}", reports[0].wave / math.sqrt(M / 1000.0), 1.0, 1e-9))
     for nu in (0.5, 0.7, -1.0):
-        checks.append(
-            yes(f"ν = {nu} refused", bool(refused(lambda n=nu: film(s, cube(nu=n), 400.0, 1), words=("nu",))))
-        )
+        checks.append(yes(f"ν = {nu} refused", refused(lambda n=nu: film(s, cube(nu=n), 400.0, 1), words=("nu",))))
     body = cube(nu=0.4999)
     leaf = body.field.theta["nu"].clone().requires_grad_()
     field = dataclasses.replace(body.field, theta=body.field.theta | {"nu": leaf})
@@ -278,9 +271,9 @@ def impacts(s: Setting) -> list[Check]:
 
 @case("D15", "A hundred thousand substeps", schemes=("default",), tier=1)
 def endurance(s: Setting) -> list[Check]:
-    """A vibrating cube in free flight: Σ m v to √S roundings of each of its nodes, time to 1e-12, over S = 1e5 substeps.
+    """A vibrating cube in free flight over S = 1e5 substeps: Σ m v to 27 √S roundings, time to 1e-12.
 
-    Time is counted in double precision and not summed in that of the body.
+    Each round sums over 27 nodes. Time is counted in double precision and not summed in that of the body.
     """
     checks = []
     for name, dtype in PRECISIONS.items():
@@ -290,6 +283,6 @@ def endurance(s: Setting) -> list[Check]:
         P = [(body.m.double()[:, None] * a.v.double()).sum(0) for a in (states[0], states[-1])]
         S = sum(r.n_sub for r in reports)
         drift = float((P[1] - P[0]).norm() / P[0].norm())
-        checks.append(at_most(f"|ΔΣ m v|/|Σ m v|, {name}", drift, math.sqrt(S) * torch.finfo(dtype).eps))
+        checks.append(at_most(f"|ΔΣ m v|/|Σ m v|, {name}", drift, 27 * math.sqrt(S) * torch.finfo(dtype).eps))
         checks.append(near(f"time after {S} substeps, {name}", states[-1].time, 90.0, 90e-12, "s"))
     return checks

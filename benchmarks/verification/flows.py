@@ -1,5 +1,6 @@
 """C7, C11–C13, C15: heaps and liquids under gravity, and the velocity loss that compares them with Newton's law."""
 
+import itertools
 import math
 from functools import lru_cache
 
@@ -7,7 +8,7 @@ import torch
 
 from benchmarks.verification.bodies import Body, at_rest, block, crossings, run
 from benchmarks.verification.case import Check, Setting, at_least, at_most, case, near, within
-from benchmarks.verification.waves import C, L, PERIOD, bar, released
+from benchmarks.verification.waves import PERIOD, C, L, bar, released
 from diffuphy.losses.velocity import velocity_loss
 from diffuphy.mpm import HalfSpace, State
 from diffuphy.mpm.report import FrameReport
@@ -93,7 +94,7 @@ def sloshing(s: Setting, n: int) -> tuple[float, float]:
     scene = {"dx": dx, "gravity": (0.0, 0.0, -g), "boundaries": basin((w, w), dx)}
     states = run(s, body, dt, per, frames, scene=scene)
     centre = [float((a.x - body.x)[:, 2].mean()) for a in states]
-    low = crossings([b - a for a, b in zip(centre, centre[1:], strict=False)])[0] + 0.5
+    low = crossings([b - a for a, b in itertools.pairwise(centre)])[0] + 0.5
     return 2 * low * per * dt / T - 1, min(centre) / (-2 * g * L * L / (3 * SOUND**2)) - 1
 
 
@@ -213,7 +214,8 @@ def newton(s: Setting) -> list[Check]:
     states = run(s, body, dt, round(frame / dt), 3, scene=scene, report=reports, gather=asked)
     fall = losses(s, body, states, reports, frame, g)
     checks = [
-        at_most(f"free fall, {n}", v, 1e-20, "m²/s²") for n, v in zip(("consistent", "literal", "momentum"), fall)
+        at_most(f"free fall, {form}", v, 1e-20, "m²/s²")
+        for form, v in zip(("consistent", "literal", "momentum"), fall, strict=True)
     ]
     lying, reports = block((3, 3, 3), dx, E=1e5), []
     scene["boundaries"] = (HalfSpace(friction=0.5),)
