@@ -7,6 +7,7 @@ python -m benchmarks verification --tier 0              # those of the daily tes
 
 from benchmarks.verification import (
     adjoints,
+    contracts,
     extremes,
     flows,
     free,
@@ -23,6 +24,6 @@ from benchmarks.verification.case import CASES, SETTINGS, Case, Check, Setting
 from benchmarks.verification.report import main
 
 __all__ = [
-    "CASES", "SETTINGS", "Case", "Check", "Setting", "adjoints", "extremes", "flows", "free", "friction", "gradients", "impact", "invariance", "laws",
-    "main", "manufactured", "points", "waves",
+    "CASES", "SETTINGS", "Case", "Check", "Setting", "adjoints", "contracts", "extremes", "flows", "free", "friction",
+    "gradients", "impact", "invariance", "laws", "main", "manufactured", "points", "waves",
 ]  # fmt: skip

@@ -18,7 +18,8 @@ STIFF = 1e6
 
 Cells = tuple[float, float, float]
 SLAB = (8, 3, 2)
-"""Cells of what slides: four times as long as high, so that its heel stays on an incline of tan θ < ⅔ · 4."""
+"""Cells of what slides, L/H = 4: the whole of its underside is pressed where tan θ < L/3H (a cube lifts its heel, and
+rocks)."""
 
 
 def slab(cells: Cells) -> Body:

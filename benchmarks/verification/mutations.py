@@ -125,6 +125,30 @@ MUTATIONS = (
     Mutation(
         "replay from the wrong checkpoint", "mpm/solver.py", "work.put(saved.pop())", "work.put(saved[0])", ("E5",)
     ),
+    Mutation(
+        "a cone of half the slope", "material/plastic/drucker_prager.py", "d = n + m.ratio(theta) * al * x",
+        "d = n + real(0.5) * m.ratio(theta) * al * x", ("C6",),
+    ),
+    Mutation(
+        "consistency read as twice what it is", "material/plastic/herschel_bulkley.py",
+        "root2 * mu * dt / y) + wp.log(y / (root2 * theta[at_K]))",
+        "root2 * mu * dt / y) + wp.log(y / (real(0.5) * root2 * theta[at_K]))", ("C5",),
+    ),
+    Mutation(
+        "strength that forgets what has flowed", "material/plastic/von_mises_hardening.py",
+        "line = root * (theta[at] + theta[at_H] * h[at_slip])", "line = root * theta[at]", ("C4b",),
+    ),
+    Mutation(
+        "K for K/γ in the pressure of a liquid", "material/elastic/fluid_eos.py", "c = K / g", "c = K", ("C13",)
+    ),
+    Mutation(
+        "partial flow once a substep", "mpm/rollout.py", "field.plastic, step, dt_ref)", "field.plastic, step, step)",
+        ("C9",),
+    ),
+    Mutation(
+        "unstable steps let through", "mpm/clock.py", "T / math.ceil(T / self.dt) > limit",
+        "T / math.ceil(T / self.dt) > 1e3 * limit", ("D3",),
+    ),
 )  # fmt: skip
 
 
