@@ -94,7 +94,7 @@ MUTATIONS = (
         "r[0] / (m + real(1e-9)), r[1] / (m + real(1e-9)), r[2] / (m + real(1e-9)), m", ("A1", "A3"),
     ),
     Mutation(
-        "a full kick first", "mpm/state.py", "out[0, 1] = 0.5 * self.dt", "out[0, 1] = self.dt", ("A1",)
+        "a full kick first", "mpm/span.py", "out[0, 1] = 0.5 * self.dt", "out[0, 1] = self.dt", ("A1",)
     ),
     Mutation(
         "indices that truncate towards zero", "mpm/spline.py", "h = real(reach)\n        bx",

@@ -62,16 +62,17 @@ def functions(kernel: wp.Kernel) -> set[str]:
 
 SPLINE = {"weights", "inside", "cell", "eye"}
 NEEDED = {
-    "p2g": SPLINE | {"row", "column", "affine", "scatter", "material_of", "stress", "direct", "lame_theta", "log"},
+    "p2g": SPLINE
+    | {"row", "column", "placed", "beside", "bring", "scatter", "material_of", "stress", "direct", "lame_theta", "log"},
     "divide": {"index", "summed"},
     "cells": {"index", "flat", "corner", "gradient", "lightest", "packed"},
     "move": {"index", "flat", "corner", "sharpened", "free", "summed"},
-    "g2p": SPLINE | {"first", "second", "gather", "kept", "moments"},
+    "g2p": SPLINE | {"around", "first", "second", "gather", "kept", "moments"},
 }
 """All that a neo-Hookean body in free space may call; the logarithm is that of its law."""
 
 EXTRAS = {
-    "p2g": {"decompose", "flow", "hold", "accelerate", "branch_stress", "stress_h", "exp", "sqrt"},
+    "p2g": {"decompose", "flow", "nearest", "hold", "accelerate", "branch_stress", "stress_h", "exp", "sqrt"},
     "divide": {"folded", "image", "signed", "odd", "seen", "side"},
     "move": {"act", "surface", "apply"},
     "g2p": {"hold", "log_det"},
