@@ -80,10 +80,6 @@ MUTATIONS = (
         ("E6",), "mls",
     ),
     Mutation(
-        "an elastic wall without friction", "mpm/boundary/kernels_elastic.py", "drag = w[7] * push",
-        "drag = real(0.0) * push", ("E6",),
-    ),
-    Mutation(
         "wall one node off", "mpm/boundary/layout.py", "(b.reach - SLACK +", "(b.reach - SLACK - 1.0 +", ("B3",), "mls"
     ),
     Mutation(

@@ -34,8 +34,8 @@ class Simulate:
     """Coulomb coefficient of the floor, plate and ball [-]."""
     cfl: float = 0.4
     """Courant number; explicit steps are stable to about 0.8."""
-    scheme: Scheme = Scheme()
-    """Transfer between particles and grid, walls and time integration."""
+    scheme: Scheme = Scheme(contact="elastic")
+    """Transfer between particles and grid, walls and time integration; with elastic contact things touch the floor."""
     double: bool = False
     """Compute in float64, at about twice the time."""
 

@@ -74,6 +74,7 @@ CASES = {
     "no retention": dataclasses.replace(SCENE, scheme=Scheme(retain=0.0)),
     "no sharpening": dataclasses.replace(SCENE, scheme=Scheme(sharpen=False)),
     "classic": dataclasses.replace(SCENE, scheme=Scheme(force="classic")),
+    "elastic contact": dataclasses.replace(SCENE, scheme=Scheme(contact="elastic")),
     "driven apic": dataclasses.replace(SCENE, scheme=Scheme.apic(), drives=DRIVES),
 }
 """Scenes of the elastic body besides ``SCENE``; the variants of the first two are compiled in seconds."""

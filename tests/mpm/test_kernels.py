@@ -72,7 +72,7 @@ NEEDED = {
 """All that a neo-Hookean body in free space may call; the logarithm is that of its law."""
 
 EXTRAS = {
-    "p2g": {"decompose", "flow", "nearest", "hold", "accelerate", "branch_stress", "stress_h", "exp", "sqrt"},
+    "p2g": {"decompose", "flow", "hold", "accelerate", "branch_stress", "stress_h", "exp", "sqrt"},
     "divide": {"folded", "image", "signed", "odd", "seen", "side"},
     "move": {"act", "surface", "apply"},
     "g2p": {"hold", "log_det"},
