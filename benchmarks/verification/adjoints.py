@@ -110,7 +110,7 @@ def slid(s: Setting, angle: float, friction: Tensor, v0: Tensor, T: float) -> Te
     return (end.x - body.x)[:, 0].mean()
 
 
-@case("E6", "Gradients through contact")
+@case("E6", "Gradients through contact", schemes=("default", "elastic", "mls", "apic"))
 def contact(s: Setting) -> list[Check]:
     """d = v0 t + g (sin θ − μ cos θ) t²/2: ∂d/∂v0 = t, ∂d/∂μ = −g cos θ t²/2; both 0 while it sticks.
 

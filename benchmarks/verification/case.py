@@ -67,13 +67,13 @@ class Setting:
     """One way to run the solver: the transfer between particles and grid, and what theory promises for it."""
 
     name: str
-    """``default``, ``mls`` or ``apic``."""
+    """``default``, ``elastic``, ``mls`` or ``apic``."""
     scheme: Scheme
 
     @property
     def improved(self) -> bool:
         """Half kick, mirror walls, sharpening and retention: bands are one-sided and narrower."""
-        return self.name == "default"
+        return self.name in ("default", "elastic")
 
     def scene(self, **fields: Any) -> Scene:
         """A scene in free space without gravity, particles where they are, unless told otherwise."""
@@ -86,10 +86,11 @@ class Setting:
 
 SETTINGS = {
     "default": Setting("default", Scheme()),
+    "elastic": Setting("elastic", Scheme(contact="elastic")),
     "mls": Setting("mls", Scheme.mls()),
     "apic": Setting("apic", Scheme.apic()),
 }
-"""What cases are run under: the default transfer and the two plain ones it is compared with."""
+"""What cases are run under: the default transfer, that of films with elastic contact, and the two plain ones."""
 
 
 @dataclass(frozen=True)

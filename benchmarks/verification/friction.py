@@ -59,7 +59,7 @@ def slide(s: Setting, cells: Cells, angle: float, wall: HalfSpace, T: float, v0:
     return [torch.stack([f(a)[0] for a in states]) for f in (lambda a: (a.x - start.x).mean(0), lambda a: a.v.mean(0))]
 
 
-@case("C1", "Coulomb friction on an incline")
+@case("C1", "Coulomb friction on an incline", schemes=("default", "elastic", "mls", "apic"))
 def incline(s: Setting) -> list[Check]:
     """a = g (sin θ − μ cos θ) if tan θ > μ, else 0: d = a t²/2. The kink is at μ = tan θ.
 
@@ -75,7 +75,9 @@ def incline(s: Setting) -> list[Check]:
         checks.append(near(f"d at μ = {mu:.3g}", slides[mu], (tan - mu) * way, off * way, "m"))
     kink = 0.6 + slides[0.6] * 0.3 / (slides[0.3] - slides[0.6])
     checks.append(near("μ at which d vanishes, from μ = 0.3 and 0.6", kink, tan, 0.02))
-    for mu in (tan + 0.05, 1.0) if s.improved else (1.0,):  # rigid contact rattles, and slips when it does
+    for mu in (
+        (tan + 0.05, 1.0) if s.scheme.contact == "elastic" else (1.0,)
+    ):  # rigid contact rattles, and slips when it does
         d, v = (abs(float(a[-1])) for a in slide(s, SLAB, angle, HalfSpace(friction=mu), T))
         checks += [at_most(f"|d| at μ = {mu:.3g}", d, 3e-3, "m"), at_most(f"|v| at μ = {mu:.3g}", v, 5e-3, "m/s")]
     stop = 1.0 / (2 * 0.4 * G)
