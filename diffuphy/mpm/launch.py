@@ -203,6 +203,7 @@ class Command:
             launch = wp.launch(kernel, dim=count, inputs=inputs, device=device, record_cmd=True)
         assert launch is not None  # it is when a command is recorded
         self._launch = launch
+        self._inputs = inputs  # a recorded launch has the addresses of its arrays and does not keep them
         self._launch.set_param_at_index_from_ctype(places["start"], first)
 
     def __call__(self, numbers: dict[str, int]) -> None:
