@@ -26,7 +26,7 @@ f.theta["E"].requires_grad_()
 for scheme in (Scheme(), Scheme(contact="elastic"), Scheme.mls()):
     scene = Scene(dx=0.1, fps=60.0, frames=2, lift=None, velocity=(0.5, 0.0, -2.0), boundaries=walls, scheme=scheme,
                   drives=(Drag(time=1.0),))
-    out = rollout(scene, x, vol, f, grad=True, threads=2, velocity=3.0 * torch.sin(20.0 * x))
+    out = rollout(scene, x, vol, f, grad=True, threads=1, velocity=3.0 * torch.sin(20.0 * x))
     (out.x[-1].square().sum() + out.v[-1].square().sum()).backward()
 print("done")
 """
@@ -43,7 +43,7 @@ def run(tmp_path: Path, wrong: bool) -> subprocess.CompletedProcess:
 
 
 def test_kernels_stay_within_their_arrays(tmp_path):
-    """Forward and backward, walls, mirrors, balls, drives, grains, two threads, three schemes."""
+    """Forward and backward, walls, mirrors, balls, drives, grains, three schemes; in one thread, since code with checks is not made for more."""
     result = run(tmp_path, wrong=False)
     assert result.returncode == 0 and "done" in result.stdout, result.stderr[-2000:]
 
