@@ -43,7 +43,8 @@ def run(tmp_path: Path, wrong: bool) -> subprocess.CompletedProcess:
 
 
 def test_kernels_stay_within_their_arrays(tmp_path):
-    """Forward and backward, walls, mirrors, balls, drives, grains, three schemes; in one thread, since code with checks is not made for more."""
+    """Forward and backward, walls, mirrors, balls, drives, grains, three schemes; in one thread, since code with checks
+    is not made for more."""
     result = run(tmp_path, wrong=False)
     assert result.returncode == 0 and "done" in result.stdout, result.stderr[-2000:]
 
