@@ -57,9 +57,16 @@ class Mirrors:
         return low, high
 
 
-def mirrors(boundaries: Sequence[Boundary], dx: float) -> tuple[Mirrors, tuple[Boundary, ...]]:
+Extent = tuple[Sequence[float], Sequence[float]]
+"""Lowest and highest coordinates of matter [m]."""
+
+
+def mirrors(
+    boundaries: Sequence[Boundary], dx: float, extent: Extent | None = None
+) -> tuple[Mirrors, tuple[Boundary, ...]]:
     """The mirrors among some walls, and the list of walls in which those govern only the nodes that no mirror
-    reaches."""
+    reaches. A wall with matter behind it, as of a body that is clamped by its end, is none: what is behind would be
+    reflected too."""
     low: list[float | None] = [None] * 3
     high: list[float | None] = [None] * 3
     sticky, shift = [False] * 3, [0.0] * 3
@@ -78,12 +85,25 @@ def mirrors(boundaries: Sequence[Boundary], dx: float) -> tuple[Mirrors, tuple[B
         off = place / dx - shift[axis]
         side, other = (low, high)[:: 1 if up else -1]
         near = other[axis] is not None and (other[axis] - place) * (1 if up else -1) < (2 * REACH + 0.5) * dx
-        if side[axis] is not None or abs(off - round(off)) > SLACK or sticky[axis] != (b.kind == "sticky") or near:
+        if (
+            side[axis] is not None
+            or near
+            or _behind(place, up, axis, dx, extent)
+            or abs(off - round(off)) > SLACK
+            or sticky[axis] != (b.kind == "sticky")
+        ):
             rest.append(b)
             continue
         side[axis] = place
         rest.append(dataclasses.replace(b, reach=REACH + 0.5))
     return Mirrors(tuple(low), tuple(high), tuple(sticky), tuple(shift)), tuple(rest)  # type: ignore[arg-type]
+
+
+def _behind(place: float, up: bool, axis: int, dx: float, extent: Extent | None) -> bool:
+    """Whether matter lies more than a quarter of a cell behind a plane."""
+    if extent is None:
+        return False
+    return extent[0][axis] < place - 0.25 * dx if up else extent[1][axis] > place + 0.25 * dx
 
 
 def _axis(b: Boundary) -> int | None:

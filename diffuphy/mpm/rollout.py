@@ -131,12 +131,15 @@ def simulate(
         matter = dataclasses.replace(matter, tag=tags(scene.drives, there, matter.m.detach()))
     members = Members(scene)
 
+    start_x = state.x.detach()
+    extent = start_x.amin(0).tolist(), start_x.amax(0).tolist()
+
     def clock_of(part: Matter) -> Clock:
         n = len(part.m)
         solver = Solver(
             mixture, scene.boundaries, scene.gravity, x.dtype, x.device, particles=n // scenes, dx=scene.dx,
-            scheme=scene.scheme, drives=scene.drives, body=_body_of(body, members), gather=gather, grad=grad,
-            scenes=scenes, threads=_threads(threads, n),
+            extent=extent, scheme=scene.scheme, drives=scene.drives, body=_body_of(body, members), gather=gather,
+            grad=grad, scenes=scenes, threads=_threads(threads, n),
         )  # fmt: skip
         return Clock(scene, solver, field, part, dt)
 

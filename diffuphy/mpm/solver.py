@@ -19,7 +19,7 @@ from diffuphy.mpm.drive import Drive, drive_signature
 from diffuphy.mpm.gather import Sums
 from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.launch import Arguments, Bound, Lanes
-from diffuphy.mpm.mirror import REACH, Mirrors, mirrors
+from diffuphy.mpm.mirror import REACH, Extent, Mirrors, mirrors
 from diffuphy.mpm.program import backward, forward
 from diffuphy.mpm.scheme import Scheme
 from diffuphy.mpm.span import Span
@@ -81,7 +81,8 @@ class Solver:
         dtype: torch.float32 or torch.float64.
         device: where the tensors are.
         particles: how many there are in one scene.
-        dx: node spacing [m]; decides which walls can be mirrors.
+        dx: node spacing [m].
+        extent: lowest and highest coordinates of the particles [m]; a wall with matter behind it is not a mirror.
         scheme: transfer and time integration.
         drives: forces and prescribed motions of particles; without any there is no code for them.
         body: an acceleration of every particle, or None.
@@ -101,6 +102,7 @@ class Solver:
         *,
         particles: int,
         dx: float,
+        extent: Extent | None = None,
         scheme: Scheme = Scheme(),  # noqa: B008, frozen
         drives: Sequence[Drive] = (),
         body: Body | None = None,
@@ -116,7 +118,7 @@ class Solver:
         wp.init()
         self.mixture, self.scheme, self.gravity, self.body = mixture, scheme, tuple(gravity), body
         self.dtype, self.device = dtype, torch.device(device)
-        self.planes, walls = mirrors(boundaries, dx) if scheme.mirror else (Mirrors(), tuple(boundaries))
+        self.planes, walls = mirrors(boundaries, dx, extent) if scheme.mirror else (Mirrors(), tuple(boundaries))
         if not can_be_elastic(walls):
             scheme = dataclasses.replace(scheme, contact="rigid")
         self.variant = Variant(

@@ -101,3 +101,11 @@ def test_a_narrow_slot_between_slip_walls_keeps_what_is_in_it():
     assert float(end.x[:, 1].min()) > -DX / 3 and float(end.x[:, 1].max()) < 2 * DX + DX / 3
     # nothing acts along x; the walls do no work on it and carry no shear
     assert float((end.v[:, 0].mean() - 0.3).abs()) < 1e-12
+
+
+def test_a_wall_with_matter_behind_it_is_no_mirror():
+    """A body clamped by its end lies on both sides of the plane; a quarter of a cell is rounding of a sample."""
+    wall = HalfSpace(kind="sticky")
+    for low, mirror in ((0.0, True), (-0.2, True), (-0.3, False)):
+        found, rest = mirrors((wall,), 1.0, ((0.0, 0.0, low), (1.0, 1.0, 1.0)))
+        assert found.any is mirror and (rest[0].reach > 0.0) is mirror
