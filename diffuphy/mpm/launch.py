@@ -30,6 +30,12 @@ NUMBERS = ("s", "ws", "at", "to")
 """Arguments that differ between rounds: the round, its row of wall data, first rows of its state and of the next."""
 
 
+def alone(ranges: list[Range]) -> list[Range]:
+    """The same work for the first thread, none for the others."""
+    total = sum(count for _, count in ranges)
+    return [(ranges[0][0], total)] + [(ranges[0][0] + total, 0)] * (len(ranges) - 1)
+
+
 @dataclass(frozen=True)
 class Lanes:
     """How particles share nodes. Particle p scatters into copy p // ``per`` of the nodes, so that no two threads write
@@ -197,6 +203,8 @@ class Command:
 
     def __init__(self, kernel: wp.Kernel, first: int, count: int, inputs: list[Any], device: str):
         self.empty = count == 0
+        if self.empty:
+            return
         places = {arg.label: k for k, arg in enumerate(kernel.adj.args)}
         self._takes = [(name, places[name]) for name in NUMBERS if name in places]
         with LOCK:  # the first launch of a kernel builds and loads it

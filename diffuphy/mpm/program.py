@@ -5,7 +5,7 @@ import warp as wp
 from diffuphy.mpm.adjoint import Needs, make_adjoint
 from diffuphy.mpm.gather import Sums, make_gather
 from diffuphy.mpm.kernels import make_kernels
-from diffuphy.mpm.launch import Bound, Command, Program
+from diffuphy.mpm.launch import Bound, Command, Program, alone
 from diffuphy.mpm.nodes import make_nodes
 from diffuphy.mpm.nodes_adjoint import make_nodes_adjoint
 from diffuphy.mpm.sharpen import make_sharpening
@@ -85,7 +85,9 @@ def backward(b: Bound, bars: Bars, needs: Needs, flowed: tuple[wp.array, wp.arra
         args.view(bars.alpha, v.real), bars.alpha is not None,
     ]))  # fmt: skip
     rows = args.zeros((0, 0), b.walls.dtype) if bars.walls is None else args.view(bars.walls, b.walls.dtype)
-    phases.append(args.record(nodes.move_adjoint, b.nodes, [
+    # gradients of walls are summed over nodes into one row, which two threads must not write at once
+    there = b.nodes if bars.walls is None else alone(b.nodes)
+    phases.append(args.record(nodes.move_adjoint, there, [
         b.acc, b.sigma, bar, lanes.copies, b.walls, args.sdf, 0, b.n, b.dx, b.steps, 0, 0, b.active, y,
         args.view(bars.omega, v.real), rows, bars.walls is not None,
     ]))  # fmt: skip

@@ -76,8 +76,3 @@ class Scheme:
     def keeps(self) -> bool:
         """Whether particles keep something of their velocity, so that they need that of the nodes before the step."""
         return self.half_kick or self.retain > 0.0
-
-    @property
-    def half(self) -> float:
-        """Distance from a particle to the lowest of its nodes is at least this [Δx]."""
-        return 0.5 * (self.order - 1)

@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 import torch
 
-from diffuphy.mpm import HalfSpace, Scene, rollout
+from diffuphy.mpm import Controls, HalfSpace, Scene, rollout
 from diffuphy.mpm.barrier import Halted, Step
 from diffuphy.mpm.launch import Lanes, Program
 from tests.mpm.bodies import block, field
@@ -107,3 +107,23 @@ def test_lanes_share_out_everything_once(lanes):
         assert [i for a, n in ranges for i in range(a, a + n)] == list(range(total))
     owners = [{p // lanes.per for p in range(a, a + n)} for a, n in lanes.of_particles()]
     assert sum(len(o) for o in owners) == len(set().union(*owners))
+
+
+def test_gradients_of_walls_do_not_depend_on_threads():
+    """Every node adds to the one row of a wall: with several threads as with one, to rounding, and to the bit each
+    time."""
+    x, vol = block((8, 8, 4), 0.05, (0.0, 0.0, 0.0))
+    scene = Scene(
+        dx=0.05, fps=60.0, frames=2, lift=None, velocity=(1.0, 0.0, -1.0), boundaries=(HalfSpace(friction=0.3),)
+    )
+    found = []
+    for threads in (1, 2, 2, 2):
+        mu = torch.tensor([0.3], dtype=x.dtype, requires_grad=True)
+        V = torch.zeros(1, 3, dtype=x.dtype, requires_grad=True)
+        controls = Controls(friction=mu, velocity=V)
+        out = rollout(scene, x, vol, field(len(x)), grad=True, threads=threads, controls=controls)
+        found.append(torch.autograd.grad(out.x[-1, :, 0].sum(), [mu, V]))
+    assert abs(float(found[0][0])) > 0.0
+    for g in found[1:]:
+        torch.testing.assert_close(g, found[0], rtol=1e-10, atol=1e-12)
+        assert all(torch.equal(a, b) for a, b in zip(g, found[1], strict=True))
