@@ -14,6 +14,7 @@ import torch
 
 from diffuphy.material import wave_speed
 from diffuphy.mpm.diagnostics import waves
+from diffuphy.mpm.drive import speed_bound
 from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.scene import Scene
 from diffuphy.mpm.solver import Solver
@@ -68,7 +69,11 @@ class Clock:
         x = state.x.detach()
         ends = x.amin(0).tolist(), x.amax(0).tolist()
         walls = max((b.speed_within(*ends, state.time) for b in self.scene.boundaries), default=0.0)
-        return float(state.v.detach().norm(dim=1).max()) + math.hypot(*self.scene.gravity) / self.scene.fps + walls
+        T, driven = 1.0 / self.scene.fps, 0.0
+        if self.scene.drives and self.matter.tag is not None:
+            at = (self.matter.m.detach(), self.matter.tag, *ends, state.time, state.time + T)
+            driven = speed_bound(self.scene.drives, *at)
+        return float(state.v.detach().norm(dim=1).max()) + math.hypot(*self.scene.gravity) * T + walls + driven
 
     def span(self, state: State) -> Span:
         """Time step and block of the next frame.
