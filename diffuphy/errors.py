@@ -16,7 +16,7 @@ the substeps, a sixteenth of the work.
 import dataclasses
 import logging
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import torch
 from torch import Tensor
@@ -37,6 +37,9 @@ ORDER = 1.0
 WINDOW = 0.1
 """Frames this far apart share the largest difference [s]: two motions that swing against each other meet now and then,
 which says nothing about either."""
+
+FEWEST = 3
+"""Cells along the longest side of a draft: a quadratic spline spans as many [-]."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +75,7 @@ class Estimate:
             trajectory.x[0], particles.vol, field.rho, spacing=particles.spacing, side=2 * particles.spacing
         )
         try:
+            check_size(motion.size, 2 * fine.dx)
             drafts = self._drafts(fine, coarse, coarse.field(field), trajectory, work)
         except (ValueError, SimulationDiverged) as trouble:
             log.warning("no error estimate: the draft with twice the grid spacing failed: %s", trouble)
@@ -122,6 +126,15 @@ class Estimate:
                 done[name] = torch.stack(frames)
                 work.save(dict(done))
         return done
+
+
+def check_size(size: float, dx: float) -> None:
+    """Refuse a draft of a body that its grid does not see."""
+    if size < FEWEST * dx:
+        raise ValueError(
+            f"the longest side, {size:.3g} m, must span at least {FEWEST} cells of the draft, {dx:.3g} m each; "
+            "take more particles for the film, or leave the estimate out with report.error=off"
+        )
 
 
 def split(e: Tensor, weight: Tensor) -> tuple[Tensor, Tensor]:

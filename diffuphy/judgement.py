@@ -79,21 +79,23 @@ class Judgement:
 
     def _words(self) -> list[str]:
         e = self.errors
+        finer = (
+            f"+sample.cells={math.ceil(2 * self.cells)} +sample.max_particles={FINER[0] * _thousands(self.particles)}"
+        )
         words = [
-            "Estimates, from the same motion with twice the grid spacing; the true error lies in the band, between a third and three "
-            "times the estimate. Not in it: the choice of the material, and what the particles leave out of the object.",
+            "Estimates, from the same motion with twice the grid spacing; the true error lies in the band, between a "
+            "third and three times the estimate. Not in it: the choice of the material, and what the particles leave "
+            "out of the object.",
             f"To halve the error takes half the grid spacing: {FINER[0]} times the {self.particles} particles, "
-            f"{FINER[1]} times the work, about {duration(FINER[1] * self.film)} instead of {duration(self.film)} for the "
-            f"trajectory (+sample.cells={math.ceil(2 * self.cells)} +sample.max_particles="
-            f"{FINER[0] * math.ceil(self.particles / 500) * 500}). Measured, the error then falls by a factor of "
-            f"{FALL[0]:g} to {FALL[1]:g}.",
+            f"{FINER[1]} times the work, about {duration(FINER[1] * self.film)} instead of {duration(self.film)} for "
+            f"the trajectory ({finer}). Measured, the error then falls by a factor of {FALL[0]:g} to {FALL[1]:g}.",
         ]
         far = (e.total > APART * e.size).nonzero()
         if len(far):
             words.append(
                 f"From {float(far[0]) / e.fps:.2f} s on film and draft are two different motions, more than "
-                f"{APART:.0%} of the size apart: bodies that bounce or tumble magnify what is small before. The band then says "
-                "how far they are apart, not where it ends; what the film shows later is one possible motion."
+                f"{APART:.0%} of the size apart: bodies that bounce or tumble magnify what is small before. The band "
+                "then says how far they are apart, not where it ends; the film shows one possible motion."
             )
         return words
 
@@ -118,6 +120,10 @@ def _band(name: str, values: list[float], fps: float) -> tuple[str, list, list]:
     times = [t / fps for t in range(len(values))]
     points = list(zip(times, values, strict=True))
     return name, points, [(t, v / BAND, v * BAND) for t, v in points]
+
+
+def _thousands(count: int) -> int:
+    return 1000 * math.ceil(count / 1000)
 
 
 def length(metres: float) -> str:
