@@ -35,8 +35,8 @@ def conf(tmp_path, monkeypatch):
     (folder / "train.yaml").write_text(
         "defaults: [fit: sds, guidance: analytic, _self_, experiment: null, override hydra/help: film,\n"
         "  override hydra/job_logging: lines, override hydra/hydra_logging: lines]\n"
-        f"prompt: ???\nseed: 0\nstore: {tmp_path}/outputs\ndevice: auto\nthreads: 1\nuntil: clip\nforce: []\naccuracy: null\n"
-        "checkpoint_seconds: 3\n"
+        f"prompt: ???\nseed: 0\nstore: {tmp_path}/outputs\ndevice: auto\nthreads: 1\nuntil: clip\nforce: []\n"
+        "accuracy: null\ncheckpoint_seconds: 3\n"
         "stages: {clip: '${clip}'}\nclip: {_target_: fractions.Fraction, _args_: ['${prompt}']}\n"
         + text[text.index("\nhydra:") :]
     )

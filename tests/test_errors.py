@@ -43,7 +43,7 @@ def whole() -> Errors:
 
 
 def test_free_fall_has_no_error(whole):
-    """x = x₀ + g t²/2 for every grid (half kick): before contact film and draft differ by rounding, some 10⁻⁶ of 0.4 m."""
+    """x = x₀ + g t²/2 for every grid (half kick): before contact the two differ by rounding, 10⁻⁶ of 0.4 m."""
     lowest = TRAJECTORY.x[..., 2].amin(1)
     free = int((lowest > 0.1).nonzero().max()) - round(0.1 * 30)  # a window before the first touch of the draft
     assert free >= 3
@@ -139,7 +139,7 @@ def test_projection_is_that_of_the_pinhole():
 
 def test_motion_of_the_draft_is_that_of_the_film_at_the_start():
     """Spin and throw: coarse particles start at the means of the film and move as rigidly as it does, in flight for
-    two frames; what is left is rounding and the stretch of a spinning body, ρ ω² R²/E ~ 1e-3 of 0.4 m in other grids."""
+    two frames; what is left is rounding and the stretch of a spinning body, ρ ω² R²/E ~ 1e-3 of 0.4 m."""
     motion = Motion("thrown", "a ball thrown", {"": "jelly"}, 0.4)
     scene = Simulate(seconds=0.07, fps=30.0)
     trajectory: Trajectory = scene(motion, PARTICLES, FIELD, work=Workspace())

@@ -158,9 +158,7 @@ def test_second_run_computes_nothing_and_changes_nothing(store, capsys):
 def test_a_setting_of_the_scene_leaves_everything_before_it(store, capsys):
     before = contents(store)
     assert film(store, "scene.friction=0.3", "scene.seconds=0.1") == 0
-    assert stages(capsys.readouterr().err) == dict.fromkeys(STAGES[:4], "cached") | dict.fromkeys(
-        STAGES[4:], "done"
-    )
+    assert stages(capsys.readouterr().err) == dict.fromkeys(STAGES[:4], "cached") | dict.fromkeys(STAGES[4:], "done")
     assert contents(store).items() >= before.items()
 
 

@@ -35,7 +35,7 @@ def test_every_particle_lies_in_the_cell_it_belongs_to():
 
 
 def test_a_lattice_gives_full_cells_wherever_it_stands():
-    """4³ cubes of 8 particles: each coarse one in the middle of its eight, of eight volumes, float32 as films have it."""
+    """4³ cubes of 8 particles: each coarse one in the middle of its eight, of eight volumes; in float32, as films."""
     h = 0.5 / 8
     for shift in (0.0, 0.1234567, -3.3):
         a = (torch.arange(8) + 0.5) * h + shift
