@@ -39,7 +39,8 @@ def make_survey(scheme: Scheme, real: type) -> SimpleNamespace:
 def _make_survey(scheme: Scheme, spline: SimpleNamespace, node_t: type, real: type) -> wp.Function:
     vec3, vec_w = wp.types.vector(3, real), spline.vec_w
     weights, slopes, curvatures = spline.weights, spline.slopes, spline.curvatures
-    plus, K, classic = make_simd(real).plus, scheme.order + 1, scheme.force == "classic"
+    simd, K, classic = make_simd(real), scheme.order + 1, scheme.force == "classic"
+    plus, take = simd.plus, simd.take
     size = CURVED + 6 * classic
 
     @wp.func(module="unique")
@@ -61,7 +62,7 @@ def _make_survey(scheme: Scheme, spline: SimpleNamespace, node_t: type, real: ty
                 o = base + ((bx + i) * n[1] + by + j) * n[2] + bz
                 a, ak, b, bk, c = node_t(), node_t(), node_t(), node_t(), node_t()  # over the nodes of a line
                 for k in range(wp.static(K)):
-                    r = grid[o + k]
+                    r = take(grid, o, k)
                     a = plus(a, wz[k], r)
                     b = plus(b, dz[k], r)
                     if wp.static(k > 0):

@@ -1,4 +1,4 @@
-"""Between one particle and the nodes around it: scatter, gather, and the adjoints of both.
+"""Between one particle and the nodes around it: scatter and gather; ``survey`` has what their adjoints take.
 
 A particle brings to node i an affine row of numbers, and in the classic form its stress by the gradient of the weight,
 
@@ -7,8 +7,8 @@ A particle brings to node i an affine row of numbers, and in the classic form it
 
 with d_i counted in cells from the lowest node (the particle is at f there) and ∇ per cell. A row is eight numbers:
 momentum, mass, what the step adds to the momentum, –; or velocity after the step, –, velocity before it, –. Eight are
-a vector register, and faster than four. Functions are made for each degree and form of force; columns of A and B are
-rows.
+a vector register (``simd``), and faster than four. Functions are made for each degree and form of force; columns of A
+and B are rows.
 """
 
 from functools import lru_cache
@@ -23,7 +23,7 @@ from diffuphy.mpm.spline import make_spline
 
 @lru_cache
 def make_transfer(scheme: Scheme, real: type) -> SimpleNamespace:
-    """``scatter``, ``gather``, ``scatter_adjoint``, ``gather_adjoint`` and ``node_t`` of one scheme."""
+    """``scatter``, ``gather``, ``spline`` and ``node_t`` of one scheme."""
     spline = make_spline(real, scheme.order)
     node_t = wp.types.vector(8, real)
     parts = (_make_classic if scheme.force == "classic" else _make_affine)(spline, node_t, real, scheme.order)
@@ -32,9 +32,9 @@ def make_transfer(scheme: Scheme, real: type) -> SimpleNamespace:
 
 def _make_affine(spline: SimpleNamespace, node_t: type, real: type, order: int) -> dict[str, wp.Function]:
     """Moments only; the loop along z is innermost, over neighbours in memory."""
-    vec3 = wp.types.vector(3, real)
-    weights, slopes = spline.weights, spline.slopes
-    plus, add, K = make_simd(real).plus, make_simd(real).add, order + 1
+    vec3, weights = wp.types.vector(3, real), spline.weights
+    simd, K = make_simd(real), order + 1
+    plus, add, take, one = simd.plus, simd.add, simd.take, real(1.0)
 
     @wp.func(module="unique")
     def scatter(
@@ -48,7 +48,8 @@ def _make_affine(spline: SimpleNamespace, node_t: type, real: type, order: int) 
                 q_ij = plus(plus(q, wp.static(real(i)), a0), wp.static(real(j)), a1)
                 o = base + ((bx + i) * n[1] + by + j) * n[2] + bz
                 for k in range(wp.static(K)):
-                    add(grid, o + k, w_ij * wz[k], plus(q_ij, wp.static(real(k)), a2))
+                    add(grid, o, k, w_ij * wz[k], q_ij)
+                    q_ij = plus(q_ij, one, a2)
 
     @wp.func(module="unique")
     def gather(
@@ -63,7 +64,7 @@ def _make_affine(spline: SimpleNamespace, node_t: type, real: type, order: int) 
                 o = base + ((bx + i) * n[1] + by + j) * n[2] + bz
                 t, z = node_t(), node_t()
                 for k in range(wp.static(K)):
-                    r = grid[o + k]
+                    r = take(grid, o, k)
                     t = plus(t, wz[k], r)
                     z = plus(z, wp.static(real(k)) * wz[k], r)
                 a = plus(a, wy[j], t)
@@ -82,7 +83,8 @@ def _make_classic(spline: SimpleNamespace, node_t: type, real: type, order: int)
     """As the affine functions, with columns g0, g1, g2 (here c0, c1, c2) that act on ∇w."""
     vec3 = wp.types.vector(3, real)
     weights, slopes = spline.weights, spline.slopes
-    plus, add, K = make_simd(real).plus, make_simd(real).add, order + 1
+    simd, K = make_simd(real), order + 1
+    plus, add, take, one = simd.plus, simd.add, simd.take, real(1.0)
 
     @wp.func(module="unique")
     def scatter(
@@ -95,11 +97,12 @@ def _make_classic(spline: SimpleNamespace, node_t: type, real: type, order: int)
             for j in range(wp.static(K)):
                 w_ij = wx[i] * wy[j]
                 q_ij = plus(plus(q, wp.static(real(i)), a0), wp.static(real(j)), a1)
-                c_ij = (dwx[i] * wy[j]) * c0 + (wx[i] * dwy[j]) * c1
+                c_ij = plus(plus(node_t(), dwx[i] * wy[j], c0), wx[i] * dwy[j], c1)
                 o = base + ((bx + i) * n[1] + by + j) * n[2] + bz
                 for k in range(wp.static(K)):
-                    r = (w_ij * wz[k]) * (q_ij + wp.static(real(k)) * a2) + wz[k] * c_ij + (w_ij * dwz[k]) * c2
-                    wp.atomic_add(grid, o + k, r)
+                    r = plus(plus(plus(node_t(), w_ij * wz[k], q_ij), wz[k], c_ij), w_ij * dwz[k], c2)
+                    add(grid, o, k, one, r)
+                    q_ij = plus(q_ij, one, a2)
 
     @wp.func(module="unique")
     def gather(
@@ -115,17 +118,13 @@ def _make_classic(spline: SimpleNamespace, node_t: type, real: type, order: int)
                 o = base + ((bx + i) * n[1] + by + j) * n[2] + bz
                 t, u, m, d = wx[i] * wy[j], node_t(), node_t(), node_t()
                 for k in range(wp.static(K)):
-                    r = grid[o + k]
-                    u += wz[k] * r
-                    m += wp.static(real(k)) * wz[k] * r
-                    d += dwz[k] * r
-                s += t * u
-                m0 += (wp.static(real(i)) * t) * u
-                m1 += (wp.static(real(j)) * t) * u
-                m2 += t * m
-                g0 += (dwx[i] * wy[j]) * u
-                g1 += (wx[i] * dwy[j]) * u
-                g2 += t * d
+                    r = take(grid, o, k)
+                    u = plus(u, wz[k], r)
+                    m = plus(m, wp.static(real(k)) * wz[k], r)
+                    d = plus(d, dwz[k], r)
+                s, m2, g2 = plus(s, t, u), plus(m2, t, m), plus(g2, t, d)
+                m0, m1 = plus(m0, wp.static(real(i)) * t, u), plus(m1, wp.static(real(j)) * t, u)
+                g0, g1 = plus(g0, dwx[i] * wy[j], u), plus(g1, wx[i] * dwy[j], u)
         return s, m0, m1, m2, g0, g1, g2
 
     return {"scatter": scatter, "gather": gather}
