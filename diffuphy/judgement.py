@@ -20,8 +20,9 @@ extrapolation from it is not."""
 FINER = (8, 16)
 """What half the grid spacing takes: times the particles, and times the work."""
 
-FALL = (1.3, 3.4)
-"""By what an error falls with half the grid spacing, the least and the most that was measured [-]."""
+FALL = (0.8, 1.7, 4.1)
+"""By what half the grid spacing divides an error: the least, the geometric mean and the most of the scenes of
+``python -m benchmarks errors`` [-]."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,8 @@ class Judgement:
         return (
             f"at most about {length(com)} of the centre of mass, {length(shape)} of the shape ({com / e.size:.1%}, "
             f"{shape / e.size:.1%} of the size), {float(e.pixels.max()):.1f} px; "
-            f"half of it takes {FINER[1]} times the {self.film:.0f} s; found in {self.estimate:.1f} s"
+            f"half the grid spacing divides it by {FALL[1]:g} for {FINER[1]} times the {self.film:.0f} s; "
+            f"found in {self.estimate:.1f} s"
         )
 
     def section(self) -> Section:
@@ -86,9 +88,10 @@ class Judgement:
             "Estimates, from the same motion with twice the grid spacing; the true error lies in the band, between a "
             "third and three times the estimate. Not in it: the choice of the material, and what the particles leave "
             "out of the object.",
-            f"To halve the error takes half the grid spacing: {FINER[0]} times the {self.particles} particles, "
-            f"{FINER[1]} times the work, about {duration(FINER[1] * self.film)} instead of {duration(self.film)} for "
-            f"the trajectory ({finer}). Measured, the error then falls by a factor of {FALL[0]:g} to {FALL[1]:g}.",
+            f"Half the grid spacing takes {FINER[0]} times the {self.particles} particles and {FINER[1]} times the "
+            f"work, about {duration(FINER[1] * self.film)} instead of {duration(self.film)} for the trajectory "
+            f"({finer}). Measured, it divides the error by {FALL[1]:g} in the mean, by {FALL[0]:g} to {FALL[2]:g} in "
+            "single scenes; by two would be the first order of contact.",
         ]
         far = (e.total > APART * e.size).nonzero()
         if len(far):
