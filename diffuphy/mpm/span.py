@@ -1,6 +1,5 @@
 """The time and the block of nodes of one frame."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
