@@ -19,6 +19,7 @@ HERE = Path(__file__).resolve().parent
 
 QUICK = {
     "contact": ("--quick", "--out", "{out}"),
+    "errors": ("--quick", "--out", "{out}"),
     "films": (
         "--prompts",
         "a ball falling",
