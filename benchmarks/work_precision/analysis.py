@@ -1,5 +1,6 @@
 """What curves of error against work say: who lies on the front, what an error costs, at which order it falls."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -43,7 +44,7 @@ def work_for(series: Sequence[Point], error: float) -> float | None:
     """Work at which a series reaches an error, by straight lines between its points in logarithms; None where its
     points do not enclose that error."""
     ordered = sorted((p for p in series if math.isfinite(p.error)), key=lambda p: p.work)
-    for a, b in zip(ordered, ordered[1:], strict=False):
+    for a, b in itertools.pairwise(ordered):
         if a.error >= error >= b.error and a.error > b.error:
             share = math.log(a.error / error) / math.log(a.error / b.error)
             return math.exp(math.log(a.work) + share * math.log(b.work / a.work))

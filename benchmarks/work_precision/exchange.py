@@ -1,8 +1,8 @@
 """How a problem reaches another code and how its answer comes back: an npz file there, another back, lines between.
 
 Runs under the interpreter of the other code, which has NumPy and nothing of this project: this file imports neither.
-A child is told ``load PATH`` and ``run PATH`` by lines on its standard input and answers each with a line of JSON; so it
-takes turns with others like any run in this process, and has compiled before it is timed.
+A child is told ``load PATH`` and ``run PATH`` by lines on its standard input and answers each with a line of JSON; so
+it takes turns with others like any run in this process, and has compiled before it is timed.
 """
 
 import json

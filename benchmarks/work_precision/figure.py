@@ -42,7 +42,6 @@ LOOKS = {
     "3³ a cell": ("#e64980", "cross", 1.2),
     "Taichi MLS-MPM": ("#000000", "star", 1.6),
     "SVD a particle, stand-in": ("#7a4b12", "star", 1.6),
-    "Newton implicit, CFL 0.4": ("#c99a2e", "star", 1.2),
     "Newton implicit, CFL 2": ("#a87d1c", "star", 1.2),
     "Newton implicit, CFL 8": ("#86620f", "star", 1.2),
 }
@@ -136,7 +135,7 @@ def frame(x: Scale, y: Scale, left: float, label: str, norm: str) -> list[str]:
         parts += [text(left - 7, y(v) + 4, number(v), anchor="end")] * named
     parts.append(
         f'<rect x="{left}" y="{TOP}" width="{PANEL}" height="{bottom - TOP}" fill="none" stroke="{INK}"/>'
-        f'{text(left + PANEL / 2, bottom + 40, label, anchor="middle", size=13)}'
+        f"{text(left + PANEL / 2, bottom + 40, label, anchor='middle', size=13)}"
     )
     if norm:
         middle = (TOP + bottom) / 2
@@ -209,12 +208,16 @@ def legend(series: Sequence[str], looks: dict[str, tuple[str, str, float]], left
     return parts
 
 
-def line(x1: float, y1: float, x2: float, y2: float, colour: str, width: float, opacity: float = 1.0, dash: str = "") -> str:
+def line(
+    x1: float, y1: float, x2: float, y2: float, colour: str, width: float, opacity: float = 1.0, dash: str = ""
+) -> str:
     ends = f'x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}"'
     return f'<line {ends} stroke="{colour}" stroke-width="{width}" opacity="{opacity:g}" stroke-dasharray="{dash}"/>'
 
 
-def text(x: float, y: float, words: str, *, anchor: str = "start", size: int = 12, weight: int = 400, fill: str = INK) -> str:
+def text(
+    x: float, y: float, words: str, *, anchor: str = "start", size: int = 12, weight: int = 400, fill: str = INK
+) -> str:
     return (
         f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" font-size="{size}" font-weight="{weight}" '
         f'fill="{fill}">{words if "<tspan" in words else html.escape(words)}</text>'

@@ -102,5 +102,3 @@ def entry(n: int, choice: Choice, series: str, axis: str, **options: Any) -> Ent
     runner = Gradient(n, choice, **options)
     known = {"case": "W6", "cells": n, "dx": runner.dx} | settings(choice) | {"series": series, "axis": axis}
     return Entry(runner, known)
-
-

@@ -23,6 +23,7 @@ SIZES, QUICK = (64, 128, 256), (64,)
 WHOLE = Warp(driver="tile", alpha_min=1e-12, T_min=0.0, threads=1)
 """Nothing left out."""
 DEFAULT = Warp(threads=1)
+FINE = dataclasses.replace(DEFAULT, alpha_min=1e-4, T_min=0.0)
 SERIES: tuple[tuple[str, str, Warp | Dense, torch.dtype], ...] = (
     ("default", "default", DEFAULT, torch.float32),
     *(
@@ -33,7 +34,7 @@ SERIES: tuple[tuple[str, str, Warp | Dense, torch.dtype], ...] = (
     *((f"tile of {s} px", "tile", dataclasses.replace(DEFAULT, tile=s), torch.float32) for s in (8, 16, 64)),
     ("a thread a pixel", "driver", dataclasses.replace(DEFAULT, driver="pixel"), torch.float32),
     ("float64", "precision", DEFAULT, torch.float64),
-    ("α ≥ 1/10000, T ≥ 0, float64", "precision", dataclasses.replace(DEFAULT, alpha_min=1e-4, T_min=0.0), torch.float64),
+    ("α ≥ 1/10000, T ≥ 0, float64", "precision", FINE, torch.float64),
     ("dense, torch", "peer", Dense(), torch.float32),
 )
 """Name, what is varied, rasteriser, precision."""
@@ -96,8 +97,8 @@ def sweep(*, quick: bool) -> Swept:
             if isinstance(backend, Dense) and size > DENSE_MOST:
                 continue
             known = {
-                "case": "W7", "series": name, "axis": axis, "cells": size, "dx": 2.0 / size, "cfl": math.nan, "order": 0,
-                "precision": str(dtype).removeprefix("torch."), "force": "", "per": math.nan,
+                "case": "W7", "series": name, "axis": axis, "cells": size, "dx": 2.0 / size, "cfl": math.nan,
+                "precision": str(dtype).removeprefix("torch."), "order": 0, "force": "", "per": math.nan,
             }  # fmt: skip
             entries.append(Entry(Picture(size, backend, dtype), known))
     return swept(entries, QUICK_BUDGET if quick else BUDGET)

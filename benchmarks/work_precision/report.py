@@ -19,8 +19,8 @@ def machine() -> str:
     model = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.exists():
-        names = [line.split(":", 1)[1].strip() for line in info.read_text().splitlines() if line.startswith("model name")]
-        model = names[0] if names else model
+        named = [line for line in info.read_text(encoding="utf-8").splitlines() if line.startswith("model name")]
+        model = named[0].split(":", 1)[1].strip() if named else model
     return (
         f"one thread of {os.cpu_count()} cores, {model}; Python {platform.python_version()}, "
         f"torch {torch.__version__.split('+')[0]}, Warp {wp.__version__}"
@@ -92,10 +92,9 @@ def verdict(rows: Sequence[Row], noise: float) -> str:
     for r, by in beaten:
         names = dict.fromkeys(p.series for p in by)
         best = by[0]
-        parts.append(
-            f"at {r.cells:g} cells {best.series} has {best.error / r.error:.2f} of the error in {best.work / r.seconds:.2f} "
-            f"of the time" + (f" (also: {', '.join(list(names)[1:])})" if len(names) > 1 else "")
-        )
+        also = f" (also: {', '.join(list(names)[1:])})" if len(names) > 1 else ""
+        share = f"{best.error / r.error:.2f} of the error in {best.work / r.seconds:.2f} of the time"
+        parts.append(f"at {r.cells:g} cells {best.series} has {share}{also}")
     return f"{text}; {'; '.join(parts)}."
 
 

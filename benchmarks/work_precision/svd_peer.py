@@ -14,16 +14,16 @@ import numpy as np
 import warp as wp
 
 sys.path.insert(1, str(Path(__file__).resolve().parents[2]))
-from exchange import Runner, Task, serve  # noqa: E402
+from exchange import Runner, Task, serve
 
-from benchmarks.peers import clear, gather, scatter  # noqa: E402
+from benchmarks.peers import clear, gather, scatter
 
 
 @wp.kernel(enable_backward=False)
 def stresses(F_trial: wp.array[wp.mat33], mu: float, lam: float, F: wp.array[wp.mat33], tau: wp.array[wp.mat33]):
     """τ = U diag(μ (σ² − 1) + λ ln J) Uᵀ."""
     p = wp.tid()
-    U, s, V = wp.svd3(F_trial[p])
+    U, s, _ = wp.svd3(F_trial[p])
     pressure = lam * wp.log(s[0] * s[1] * s[2])
     along = mu * (wp.cw_mul(s, s) - wp.vec3(1.0)) + wp.vec3(pressure)
     F[p] = F_trial[p]
