@@ -38,6 +38,7 @@ QUICK = {
     "resume": ("--kills", "1"),
     "throughput": ("--particles", "2000", "--repeat", "2", "--out", "{out}"),
     "verification": ("--tier", "0", "--out", "{out}"),
+    "work_precision": ("--quick", "--out", "{out}"),
 }
 """Options under which each script takes about a minute; ``{out}`` is a folder that is thrown away."""
 
