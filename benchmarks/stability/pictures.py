@@ -69,19 +69,21 @@ def draw_corners(path: Path, cells: list[dict]) -> None:
 def draw_courant(path: Path, rows: list[dict]) -> None:
     """Largest stable steps, coloured by whether the limit of the clock lies below."""
     matters, nus = (list(dict.fromkeys(r[k] for r in rows)) for k in ("matter", "nu"))
-    found = {}
-    for r in rows:
-        holds, chosen = r["largest"] >= courant.STABLE, r["largest"] >= courant.CHOSEN
-        kind: Kind = "stable" if holds else "drift" if chosen else "silent"
-        word = f"> {courant.HIGH:g}" if r["largest"] >= courant.HIGH else f"{r['largest']:.2f}"
-        found[r["matter"], f"nu {r['nu']:g}"] = (COLORS[kind], word, ink(kind))
+    panels = []
+    for alone, title in ((False, "a body"), (True, "a particle alone")):
+        found = {}
+        for r in (r for r in rows if r["alone"] == alone):
+            holds, chosen = r["largest"] >= courant.STABLE, r["largest"] >= courant.CHOSEN
+            kind: Kind = "stable" if holds else "drift" if chosen else "silent"
+            word = f"> {courant.HIGH:g}" if r["largest"] >= courant.HIGH else f"{r['largest']:.2f}"
+            found[r["matter"], f"nu {r['nu']:g}"] = (COLORS[kind], word, ink(kind))
+        panels.append(Panel(title, [f"nu {nu:g}" for nu in nus], found))
     legend = [
         (GREEN, f"at least {courant.STABLE}, beyond which a pinned step is refused"),
         (YELLOW, f"at least {courant.CHOSEN}, which the clock takes"),
         (RED, "less"),
     ]
-    panel = Panel("largest stable c dt/dx", [f"nu {nu:g}" for nu in nus], found)
-    table(path, "Largest stable time step", matters, [panel], legend)
+    table(path, "Largest stable c dt/dx", matters, panels, legend)
 
 
 def ink(kind: Kind) -> str:

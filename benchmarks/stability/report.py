@@ -44,7 +44,7 @@ def study(matter: str, quick: bool) -> Share:
         places = places[:: len(places) // 6]
     cells = [(axis, outcome) for axis, cell in places for outcome in run_pair(cell)]
     nus = courant.NUS[1:2] if quick else courant.NUS
-    courants = [courant.largest(matter, nu) for nu in nus]
+    courants = [courant.largest(matter, nu, alone) for alone in (False, True) for nu in nus]
     substeps = 1000 if quick else endurance.SUBSTEPS
     long = [endurance.endure(Cell(matter, precision=p), substeps) for p in ("float64", "float32")]
     return Share(matter, cells, courants, long)

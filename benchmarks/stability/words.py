@@ -86,9 +86,10 @@ def long_runs(rows: list[dict]) -> str:
 
 def steps(rows: list[dict]) -> str:
     """Largest stable steps and margins."""
-    nus = list(dict.fromkeys(r["nu"] for r in rows))
-    lines = ["| matter | " + " | ".join(f"ν = {nu:g}" for nu in nus) + " | least, over what the clock takes |"]
-    lines.append("|---|" + "--:|" * (len(nus) + 1))
+    columns = list(dict.fromkeys((r["alone"], r["nu"]) for r in rows))
+    names = [f"{'alone' if alone else 'body'}, ν = {nu:g}" for alone, nu in columns]
+    lines = ["| matter | " + " | ".join(names) + " | least, over what the clock takes |"]
+    lines.append("|---|" + "--:|" * (len(columns) + 1))
     for matter in dict.fromkeys(r["matter"] for r in rows):
         found = [r["largest"] for r in rows if r["matter"] == matter]
         words = [f"> {v:g}" if v >= courant.HIGH else f"{v:.2f}" for v in found]

@@ -14,7 +14,6 @@ from diffuphy.mpm.span import Span
 from diffuphy.mpm.state import Bars, Matter, State
 from diffuphy.types import SimulationDiverged
 
-
 GONE = "left every block of nodes"
 """What a particle did that got further in a frame than was to be foreseen."""
 

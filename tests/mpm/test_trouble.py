@@ -77,7 +77,7 @@ def test_a_block_grows_by_no_more_cells_than_there_are_substeps(monkeypatch):
         return end, [1, 0, 0], rows
 
     monkeypatch.setattr(Solver, "advance", left)
-    with pytest.raises(SimulationDiverged, match="left every block.*; raise fps"):
+    with pytest.raises(SimulationDiverged, match=r"left every block.*; raise fps"):
         rollout(FREE, x, vol, f, frames=1, velocity=0.3 * torch.sin(9.0 * x))
     first = seen[0]
     margins = [(s.grid.shape[0] - first.grid.shape[0]) // 2 for s in seen]
