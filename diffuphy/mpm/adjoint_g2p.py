@@ -18,7 +18,7 @@ def make_g2p_adjoint(variant: Variant) -> wp.Kernel:
     vec3, mat33, node_t, step_t = variant.vec3, variant.mat33, variant.node_t, variant.step_t
     memory_t = mixture.memory_t
     transfer, rows, drives = make_transfer(variant.scheme, real), make_rows(variant), variant.drives
-    spline, carried_adjoint = transfer.spline, rows.carried_adjoint
+    spline, carried_adjoint, turned_adjoint = transfer.spline, rows.carried_adjoint, rows.turned_adjoint
     survey, fields = make_survey(variant.scheme, real).survey, make_around(variant).fields
     to_nodes = _make_to_nodes(variant)
     cell, eye, cofactor = spline.cell, spline.eye, linalg.build(real).cofactor
@@ -101,9 +101,9 @@ def make_g2p_adjoint(variant: Variant) -> wp.Kernel:
             A_bar += (memory_bar[p][wp.static(at_log_J)] / wp.determinant(D)) * cofactor(D)
         L_bar = dt * A_bar
         if wp.static(turns):
-            K = (real(-0.5) * dt) * (C_next + wp.transpose(C_next))
-            B_bar += K * wp.transpose(L)
-            L_bar += wp.transpose(B) * K
+            B_turn, L_turn = turned_adjoint(B, L, -dt * C_next)
+            B_bar += B_turn
+            L_bar += L_turn
         if wp.static(driven):
             _r, _v_bar, L_bar = hold_adjoint(place, v[r], C[r], tag[p], drive_row, s, vec3(), L_bar)
         if wp.static(not classic):

@@ -5,12 +5,14 @@
                       f_i = k Σ_p [ −V_p τ_p ∇w_ip + w_ip m_p b_p ],   MLS: ∇w_ip → w_ip d_ip / D
     on the grid       see ``nodes``: v⁰_i = q_i/m_i,  v_i = contact(v⁰_i + a*_i)
     to the particles  V = Σ w v_i,  V⁰ = Σ w v⁰_i,  B = Σ w v_i dᵀ/D,  B⁰ = Σ w v⁰_i dᵀ/D,  L = B, classic: Σ v_i ∇wᵀ
-                      v ← V + α (v − V⁰),   C ← B + α (C − B⁰) − (Δt/2)(B L + (B L)ᵀ),   x ← x + Δt v,
+                      v ← V + α (v − V⁰),   C ← B + α (C − B⁰) − Δt turned(B, L),   x ← x + Δt v,
                       H ← Fe − I + Δt L Fe,  ln J ← ln J + ln det(I + Δt L)
 
 d_ip = x_i − x_p, D = Δx²/4 (quadratic) or Δx²/3 (cubic). k is the kick of the substep, half of Δt at both ends of a
-frame: the last substep kicks without drifting, with α = 1. The quadratic term of C is the change of an affine field
-that moves with the matter; it exists only with retention. Jiang et al. 2015; Hu et al. 2018, eqs. 16–17.
+frame: the last substep kicks without drifting, with α = 1. turned(B, L) = sym(B L) is the change of an affine field
+that moves with the matter; it exists only with retention, and is kept from adding to the energy m D |C|²/2: of a drop
+that contracts alone, whose inertia D stays what it is, it would make more and more. Jiang et al. 2015; Hu et al. 2018,
+eqs. 16–17.
 
 A position is kept as X + u with X that of the beginning of the frame, a deformation gradient as H = F − I: increments
 of one substep are far below the rounding of x and of F in float32, but not below that of u and H.
@@ -171,7 +173,7 @@ def _make_g2p(variant: Variant) -> wp.Kernel:
         variant.vec3, variant.mat33, variant.node_t, variant.step_t, mixture.memory_t
     )  # fmt: skip
     spline, drives = make_transfer(variant.scheme, real).spline, variant.drives
-    around, log_det = make_around(variant).around, make_rows(variant).log_det
+    around, log_det, turned = make_around(variant).around, make_rows(variant).log_det, make_rows(variant).turned
     inside, cell, eye = spline.inside, spline.cell, spline.eye
     plastic, branched = mixture.is_plastic, len(mixture.branches) > 0
     opens = "log_J" in mixture.memory
@@ -235,8 +237,7 @@ def _make_g2p(variant: Variant) -> wp.Kernel:
             if wp.static(driven):
                 v_0, C_0 = hold(place, v_0, C_0, tag[p], drive_row, s)
             if wp.static(turns):
-                K = C_p * L
-                C_p -= (real(0.5) * dt) * (K + wp.transpose(K))
+                C_p -= dt * turned(C_p, L)
             v_p += alpha * (v_0 - V_0)
             C_p += alpha * (C_0 - B_0)
         if wp.static(driven):

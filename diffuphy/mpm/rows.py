@@ -67,6 +67,34 @@ def _make_rows(v: Variant) -> SimpleNamespace:
         return bar + bar * wp.transpose(H), bar + wp.transpose(L) * bar
 
     @wp.func(module="unique")
+    def turned(B: mat33, L: mat33) -> mat33:
+        """S = sym(B L), how fast an affine field changes that moves with the matter, less what would add to its energy:
+        S − min(0, E : S) E/(E : E), E = sym B."""
+        K = B * L
+        S = real(0.5) * (K + wp.transpose(K))
+        E = real(0.5) * (B + wp.transpose(B))
+        work = wp.ddot(E, S)
+        if work < real(0.0):
+            S -= (work / wp.ddot(E, E)) * E
+        return S
+
+    @wp.func(module="unique")
+    def turned_adjoint(B: mat33, L: mat33, bar: mat33):
+        """Adjoint of ``turned`` in B and in L."""
+        K = B * L
+        S = real(0.5) * (K + wp.transpose(K))
+        E = real(0.5) * (B + wp.transpose(B))
+        S_bar = real(0.5) * (bar + wp.transpose(bar))
+        B_bar = mat33()
+        work = wp.ddot(E, S)
+        if work < real(0.0):
+            e = wp.ddot(E, E)
+            along = wp.ddot(E, S_bar) / e
+            B_bar = (-along) * S + (real(2.0) * work * along / e) * E - (work / e) * S_bar  # symmetric, as E is
+            S_bar -= along * E
+        return B_bar + S_bar * wp.transpose(L), wp.transpose(B) * S_bar
+
+    @wp.func(module="unique")
     def log_det(L: mat33) -> real:
         """ln det(I + L) to the digits of L: ln u · y/(u − 1) makes good the rounding of u = 1 + y (Kahan)."""
         minors = (
@@ -102,6 +130,7 @@ def _make_rows(v: Variant) -> SimpleNamespace:
     return SimpleNamespace(
         row=row, placed=placed, beside=beside, wall_t=wall_t, first=first, second=second, column=column,
         moments=moments, affine=affine, material_of=material_of, carried_adjoint=carried_adjoint, log_det=log_det,
+        turned=turned, turned_adjoint=turned_adjoint,
     )  # fmt: skip
 
 
