@@ -35,7 +35,7 @@ def trouble_of(end: State, status: list[int], span: Span, left: bool = False) ->
     """
     if status[INVERTED]:
         p = status[INVERTED] - 1
-        det = float(torch.linalg.det(end.He[p] + torch.eye(3).to(end.He)))
+        det = float(torch.linalg.det((end.He[p] + torch.eye(3).to(end.He)).double()))
         return Trouble("was turned inside out (det F ≤ 0)", p, f"det F = {det:.4g}, must be positive")
     if status[FAST]:
         p = status[FAST] - 1
