@@ -46,7 +46,7 @@ def build(real: Any) -> VolumeFunctions:
         a = vec3(F[0, 0], F[1, 0], F[2, 0])
         b = vec3(F[0, 1], F[1, 1], F[2, 1])
         c = vec3(F[0, 2], F[1, 2], F[2, 2])
-        for _i in range(2):  # a longest, by even permutations; a cross product then does without the other two's order
+        for _i in range(2):  # the longest first, by even permutations
             if wp.dot(a, a) < wp.max(wp.dot(b, b), wp.dot(c, c)):
                 q = a
                 a = b
