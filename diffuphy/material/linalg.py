@@ -39,6 +39,8 @@ class LinalgFunctions:
     d_i = s_i − 1, e_i = ln s_i; NaN where det F ≤ 0, to rounding."""
     eye: Any
     """() → I."""
+    gram: Any
+    """A → AᵀA."""
     strain: Any
     """H → FᵀF − I = H + Hᵀ + HᵀH, twice the strain of Green; with Hᵀ it is FFᵀ − I."""
     polar: Any
@@ -78,8 +80,18 @@ def build(real: Any) -> LinalgFunctions:
         return wp.diag(vec3(real(1.0), real(1.0), real(1.0)))
 
     @wp.func(module="unique")
+    def gram(A: mat33) -> mat33:
+        a = vec3(A[0, 0], A[1, 0], A[2, 0])
+        b = vec3(A[0, 1], A[1, 1], A[2, 1])
+        c = vec3(A[0, 2], A[1, 2], A[2, 2])
+        d = wp.dot(b, c)
+        e = wp.dot(a, c)
+        f = wp.dot(a, b)
+        return mat33(wp.dot(a, a), f, e, f, wp.dot(b, b), d, e, d, wp.dot(c, c))
+
+    @wp.func(module="unique")
     def strain(H: mat33) -> mat33:
-        return H + wp.transpose(H) + wp.transpose(H) * H
+        return H + wp.transpose(H) + gram(H)
 
     @wp.func(module="unique")
     def far_vector(C: mat33) -> vec3:
@@ -235,4 +247,4 @@ def build(real: Any) -> LinalgFunctions:
             steps += 1
         return R
 
-    return LinalgFunctions(principal, eye, strain, polar, cofactor)
+    return LinalgFunctions(principal, eye, gram, strain, polar, cofactor)

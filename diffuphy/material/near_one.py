@@ -1,6 +1,6 @@
 """Exponential and logarithm near one, to the last digits of a small argument: what strains far below 1 need.
 
-    exponential(x) = eˣ and eˣ − 1 = 2 sinh(x/2) e^(x/2)
+    exponential(x) = eˣ and eˣ − 1, the latter by its series for |x| < ⅓
     log1p(y) = ln(1 + y) = ln u + (y − (u − 1)),   u = 1 + y rounded
     remainder(x) = (eˣ − 1 − x)/x² = Σ_n xⁿ/(n + 2)!
 
@@ -40,11 +40,19 @@ def build(real: Any) -> NearOneFunctions:
     """The functions for ``wp.float32`` or ``wp.float64``."""
     terms = _terms(2**-23 if real is wp.float32 else 2**-52)
 
+    c2, c3, c4, c5, c6, c7, c8, c9, c10, c11, c12, c13 = (real(1 / math.factorial(n)) for n in range(2, 14))
+    double = real is wp.float64
+
     @wp.func(module="unique")
     def exponential(x: real):
-        h = real(0.5) * x
-        root = wp.exp(h)
-        return root * root, real(2.0) * wp.sinh(h) * root
+        if wp.abs(x) >= real(1.0 / 3.0):
+            y = wp.exp(x)
+            return y, y - real(1.0)
+        z = c7  # x^8/8! of x is below 1e-8, x^14/14! below 1e-17
+        if wp.static(double):
+            z = c7 + x * (c8 + x * (c9 + x * (c10 + x * (c11 + x * (c12 + x * c13)))))
+        z = x * (real(1.0) + x * (c2 + x * (c3 + x * (c4 + x * (c5 + x * (c6 + x * z))))))
+        return real(1.0) + z, z
 
     @wp.func(module="unique")
     def log1p(y: real) -> real:

@@ -64,7 +64,7 @@ SPLINE = {"weights", "inside", "cell", "eye"}
 NEEDED = {
     "p2g": SPLINE
     | {"row", "column", "placed", "beside", "bring", "scatter", "material_of", "stress", "direct", "lame_theta"}
-    | {"strain", "volume", "dilation", "growth", "determinant", "eliminated", "log1p", "log"},
+    | {"strain", "gram", "volume", "dilation", "growth", "determinant", "eliminated", "log1p", "log"},
     "divide": {"index", "summed"},
     "cells": {"index", "flat", "corner", "gradient", "lightest", "packed"},
     "move": {"index", "flat", "corner", "neighbour", "sharpened", "free", "summed"},

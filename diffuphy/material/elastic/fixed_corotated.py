@@ -56,7 +56,7 @@ def build(layout: Layout) -> ElasticFunctions:
         J, j = vol.dilation(F, H)
         p = lam * J * j
         D = F - la.polar(F)
-        return mu * (la.strain(wp.transpose(H)) + D * wp.transpose(D)) + wp.diag(vec3(p, p, p))
+        return mu * (la.strain(wp.transpose(H)) + la.gram(wp.transpose(D))) + wp.diag(vec3(p, p, p))
 
     @wp.func(module="unique")
     def direct_adjoint(F: mat33, H: mat33, theta: theta_t, tau_bar: mat33):
@@ -73,7 +73,7 @@ def build(layout: Layout) -> ElasticFunctions:
         ax = vec3(A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1])
         q = wp.inverse(wp.diag(vec3(v, v, v)) - V) * ax
         F_bar = real(2.0) * mu * (real(2.0) * Y * F - (Y + wp.skew(q)) * R) + (lam * t * (J + j)) * la.cofactor(F)
-        mu_bar = wp.ddot(Y, la.strain(wp.transpose(H)) + D * wp.transpose(D))
+        mu_bar = wp.ddot(Y, la.strain(wp.transpose(H)) + la.gram(wp.transpose(D)))
         return F_bar, m.adjoint(theta, mu_bar, t * J * j)
 
     return ElasticFunctions(energy, stress, stress_adjoint, slope, direct, direct_adjoint)
