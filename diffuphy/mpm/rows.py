@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from diffuphy.material import volume
 from diffuphy.mpm.boundary import make_contact
 from diffuphy.mpm.transfer import make_transfer
 from diffuphy.mpm.variant import Variant
@@ -21,6 +22,7 @@ def _make_rows(v: Variant) -> SimpleNamespace:
     nearest, wall_t = contact.nearest, contact.wall_t
     real, vec3, mat33, node_t, mixture = v.real, v.vec3, v.mat33, v.node_t, v.mixture
     w_e_t, w_p_t, theta_t = mixture.w_e_t, mixture.w_p_t, mixture.theta_t
+    log_det = volume.build(real).log_det
     mixes_e, mixes_p = mixture.Ke > 1, mixture.Kp > 1
 
     @wp.func(module="unique")
@@ -93,20 +95,6 @@ def _make_rows(v: Variant) -> SimpleNamespace:
             B_bar = (-along) * S + (real(2.0) * work * along / e) * E - (work / e) * S_bar  # symmetric, as E is
             S_bar -= along * E
         return B_bar + S_bar * wp.transpose(L), wp.transpose(B) * S_bar
-
-    @wp.func(module="unique")
-    def log_det(L: mat33) -> real:
-        """ln det(I + L) to the digits of L: ln u · y/(u − 1) makes good the rounding of u = 1 + y (Kahan)."""
-        minors = (
-            L[0, 0] * L[1, 1] - L[0, 1] * L[1, 0]
-            + L[1, 1] * L[2, 2] - L[1, 2] * L[2, 1]
-            + L[2, 2] * L[0, 0] - L[2, 0] * L[0, 2]
-        )  # fmt: skip
-        y = wp.trace(L) + minors + wp.determinant(L)
-        u = real(1.0) + y
-        if u == real(1.0):
-            return y
-        return wp.log(u) * (y / (u - real(1.0)))
 
     @wp.func(module="unique")
     def material_of(w_e: wp.array[w_e_t], w_p: wp.array[w_p_t], theta: wp.array[theta_t], p: wp.int32):
