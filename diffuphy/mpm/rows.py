@@ -2,6 +2,7 @@
 
 from functools import lru_cache
 from types import SimpleNamespace
+from typing import Any
 
 import warp as wp
 
@@ -124,8 +125,8 @@ def _make_rows(v: Variant) -> SimpleNamespace:
 
 @lru_cache
 def make_around(variant: Variant) -> SimpleNamespace:
-    """Warp functions ``fields``: B, L, V, and V⁰ and B⁰ at a particle, the last two only if particles keep something of
-    their velocity, from sums over nodes; and ``around``: the same from the nodes."""
+    """Warp functions ``around``: B, L, V, and V⁰ and B⁰ at a particle, the last two only if particles keep something of
+    their velocity; and ``surveyed``: the same from what was summed for an adjoint."""
     real, vec3, mat33, node_t = variant.real, variant.vec3, variant.mat33, variant.node_t
     gather, rows = make_transfer(variant.scheme, real).gather, make_rows(variant)
     first, second, moments = rows.first, rows.second, rows.moments
@@ -161,4 +162,10 @@ def make_around(variant: Variant) -> SimpleNamespace:
         B, L, V, V_0, B_0 = fields(sum, m0, m1, m2, g0, g1, g2, f, idx)
         return B, L, V, V_0, B_0
 
-    return SimpleNamespace(fields=fields, around=around)
+    @wp.func(module="unique")
+    def surveyed(rows: Any, f: vec3, idx: real):
+        """B, L, V⁰ and B⁰ from the rows of a ``survey``."""
+        B, L, _V, V_0, B_0 = fields(rows[0], rows[1], rows[2], rows[3], rows[4], rows[8], rows[12], f, idx)
+        return B, L, V_0, B_0
+
+    return SimpleNamespace(around=around, surveyed=surveyed)
