@@ -16,7 +16,7 @@ from benchmarks.work_precision.choice import named
 from benchmarks.work_precision.figure import MEMORY, SECONDS, WORK, figure
 from benchmarks.work_precision.page import Section, page
 from benchmarks.work_precision.problem import Trial
-from benchmarks.work_precision.references import Against, keep, reference, uncertainty
+from benchmarks.work_precision.references import Against, keep, kept, reference, uncertainty
 from benchmarks.work_precision.report import machine, table, verdict
 from benchmarks.work_precision.rows import Row, read, write
 from benchmarks.work_precision.sweep import Swept, sweep
@@ -44,9 +44,13 @@ def section(id: str, rows: list[Row], noise: float) -> Section:
     return Section(id, module.TITLE, module.NORM, unit, about[0].upper() + about[1:], rows, noise)
 
 
-def measure(id: str, quick: bool, python: str | None, folder: Path) -> tuple[Swept, list[str]]:
-    """Run a case."""
+def measure(id: str, quick: bool, python: str | None, folder: Path) -> tuple[Swept | None, list[str]]:
+    """Run a case; nothing, and why, where its reference has not been made."""
     if id in CASES:
+        if CASES[id].reference and id not in kept():
+            return None, [
+                f"{id} is left out: its reference is missing; python -m benchmarks work_precision --references"
+            ]
         return sweep(CASES[id], quick=quick, python=python, folder=folder)
     return MEASURES[id].sweep(quick=quick), []
 
@@ -123,6 +127,8 @@ def main(arguments: list[str] | None = None) -> int:
             log.info("%s", id)
             found, left_out = measure(id, options.quick, options.peers_python, Path(folder))
             missing += [line for line in left_out if line not in missing]
+            if found is None:
+                continue
             s = section(id, found.rows, found.noise)
             store(out, s, where)
             log.info("%s\n%s", table(s.rows), verdict(s.rows, s.noise))
