@@ -62,13 +62,13 @@ def draw(s: Section, where: str) -> str:
     return figure(f"{s.id}  {s.title}", s.norm, note, s.rows, axes, uncertainty(s.id))
 
 
-def store(out: Path, s: Section, where: str) -> None:
+def store(out: Path, s: Section, where: str, quick: bool = False) -> None:
     """Rows and figure of a case, and what goes with all its rows."""
     write(out / f"{s.id}.csv", s.rows)
     (out / f"{s.id}.svg").write_text(draw(s, where), encoding="utf-8")
     file = out / "runs.json"
     known = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
-    known[s.id] = {"machine": where, "noise": round(s.noise, 5)}
+    known[s.id] = {"machine": where, "noise": round(s.noise, 5), "form": "quick" if quick else "full"}
     file.write_text(json.dumps(dict(sorted(known.items())), indent=1) + "\n", encoding="utf-8")
 
 
@@ -130,7 +130,7 @@ def main(arguments: list[str] | None = None) -> int:
             if found is None:
                 continue
             s = section(id, found.rows, found.noise)
-            store(out, s, where)
+            store(out, s, where, options.quick)
             log.info("%s\n%s", table(s.rows), verdict(s.rows, s.noise))
     for line in missing:
         log.info("%s", line)
@@ -144,7 +144,13 @@ def finish(out: Path, given: Path | None, missing: list[str]) -> None:
     known = json.loads((out / "runs.json").read_text(encoding="utf-8"))
     for s in sections:
         (out / f"{s.id}.svg").write_text(draw(s, known[s.id]["machine"]), encoding="utf-8")
+    absent = [id for id in ORDER if id not in known]
+    if absent:
+        missing = [*missing, f"{', '.join(absent)}: not run yet"]
     machines = " / ".join(dict.fromkeys(known[s.id]["machine"] for s in sections))
+    quick = [s.id for s in sections if known[s.id]["form"] == "quick"]
+    if quick:
+        missing = [f"The quick form ran {', '.join(quick)}: few settings, coarse grids, short repeats", *missing]
     where = (given or DOCS / "numerics") / "accuracy.md"
     where.parent.mkdir(parents=True, exist_ok=True)
     where.write_text(page(machines, sections, missing), encoding="utf-8")
