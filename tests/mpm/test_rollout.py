@@ -173,7 +173,8 @@ def test_an_unstable_time_step_is_refused_with_the_one_that_would_do():
 def test_divergence_names_the_particle_and_the_remedy():
     """A soft body pulled at its own centre harder than any substep follows."""
     scene, x, vol, f = brick(FREE, E=10.0)
-    with pytest.raises(SimulationDiverged, match=r"particle \d+ .* frame \d+ .* x = .* CFL = .*; shorter substeps did not help: .*lower cfl"):
+    said = r"particle \d+ .* frame \d+ .* x = .* CFL = .*; shorter substeps did not help: .*lower cfl"
+    with pytest.raises(SimulationDiverged, match=said):
         rollout(scene, x, vol, f, body=lambda t: -1e6 * (x - x.mean(0)))
 
 
