@@ -66,7 +66,7 @@ def export(
         views=views(gaussians),
         maps=maps(gaussians, particles, field),
         curves=curves(at),
-        plan=[(line.what, line.decision, line.why) for line in plan.lines],
+        plan=[(line.what, line.decision, line.because) for line in plan.lines],
         settings=settings,
         stages=[{"name": d.name, "cached": d.cached, "seconds": d.seconds, "megabytes": d.megabytes} for d in done],
         numbers=numbers(at),

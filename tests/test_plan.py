@@ -10,16 +10,22 @@ from diffuphy.fit_material import FitMaterial
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.losses.velocity import Velocity
 from diffuphy.mpm.sample import Sample
+from diffuphy.mpm.trajectory import Simulate
 from diffuphy.plan import make_plan
+from diffuphy.render import Film
 from diffuphy.text2gs.fit import FitGaussians
+from diffuphy.text2gs.refine.rules import Rules
 from diffuphy.types import Look, Motion, Prompt
 
 
 def components(**material):
     return {
+        "prompt": Rules(prompt="a burger falling"),
         "gaussians": FitGaussians(guidance=Analytic(layout="views")),
         "particles": Sample(),
         "material": FitMaterial(guidance=Analytic(layout="clip", s=0.0), **material),
+        "trajectory": Simulate(),
+        "clip": Film(),
     }
 
 
