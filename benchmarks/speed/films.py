@@ -105,7 +105,6 @@ def main() -> None:
 
     from diffuphy import pipeline
     from diffuphy.cli import main as film
-    from diffuphy.cost import predict
     from diffuphy.cost.body import body
     from diffuphy.cost.stages import STAGES
     from diffuphy.types import Gaussians, Particles, Prompt
@@ -119,13 +118,14 @@ def main() -> None:
     at = {name: next((Path(store) / name).glob("*/meta.json")).parent for name in STAGES}
     prompt = Prompt.load(at["prompt"])
     made = len(Particles.load(at["particles"])), len(Gaussians.load(at["gaussians"]))
-    guess, cost = body(components, prompt), predict(components, prompt)
+    guess = body(components, prompt)
     known = dataclasses.replace(guess, particles=made[0], gaussians=made[1])
     for name, count in STAGES.items():
         counted = count(components, prompt.motion, known)
         stage: dict[str, Any] = watch.stages[name]
         stage |= {"work": counted.work, "sizes": counted.sizes}
-        stage |= {"guess": cost.stages[name].processor, "guess_bytes": cost.stages[name].bytes}
+        expected = count(components, prompt.motion, guess)
+        stage |= {"guessed_work": expected.work, "guessed_sizes": expected.sizes}
     lines = (at["trajectory"] / "work" / "metrics.jsonl").read_text().splitlines()
     print(json.dumps({
         "prompt": arguments[0].partition("=")[2],
@@ -133,7 +133,8 @@ def main() -> None:
         "stages": watch.stages,
         "particles": [round(guess.particles), made[0]],
         "gaussians": [round(guess.gaussians), made[1]],
-        "rounds": [cost.stages["trajectory"].work["round"], sum(json.loads(line)["substeps"] + 1 for line in lines)],
+        "rounds": [watch.stages["trajectory"]["guessed_work"]["round"],  # type: ignore[index]
+                   sum(json.loads(line)["substeps"] + 1 for line in lines)],
         "threads": [torch.get_num_threads(), os.cpu_count()],
     }))  # fmt: skip
 

@@ -3,7 +3,7 @@
     forward     Σ_rounds [ round + N particle(order) + M node + N Σ_k law(k) ]  +  Σ_frames [ frame + N frame.particle ]
     backward    the rounds again, with prices of their own
 
-N particles, M nodes of the block. A law is paid by each particle that has weight on it: kernels skip the others.
+N particles, M nodes of the block. Every particle pays for every law of the mixture, whatever its weight.
 """
 
 import math
@@ -78,18 +78,11 @@ class Laws:
         """Numbers that some law remembers."""
         return len({m for name in self.plastic for m in PLASTIC[name].memory})
 
-    def units(self, weights: Mapping[str, float] | None = None) -> Work:
-        """What a particle pays a round.
-
-        Args:
-            weights: share of the particles that have weight on a law, by name; by default all, on each.
-        """
+    def units(self) -> Work:
+        """What a particle pays a round."""
         form = "law" if self.decomposes else "direct"
-        found = {f"{form}.{name}": name for name in self.elastic} | {
-            f"law.{name}": name for name in (*self.plastic, *self.branches)
-        }
-        work = {unit: 1.0 if weights is None else weights.get(name, 1.0) for unit, name in found.items()}
-        return {unit: n for unit, n in work.items() if n} | ({"decompose": 1.0} if self.decomposes else {})
+        names = [*(f"{form}.{name}" for name in self.elastic), *(f"law.{n}" for n in (*self.plastic, *self.branches))]
+        return dict.fromkeys([*names, *["decompose"] * self.decomposes], 1.0)
 
 
 def transfer(scheme: Scheme, double: bool) -> tuple[str, str]:
@@ -105,23 +98,23 @@ def two_passes(scheme: Scheme) -> bool:
 
 def forward(
     particles: float, rounds: float, frames: float, nodes: float, laws: Laws, scheme: Scheme, *,
-    double: bool = False, weights: Mapping[str, float] | None = None,
+    double: bool = False,
 ) -> Work:  # fmt: skip
     """A simulation of ``frames`` frames with ``rounds`` rounds in all."""
     particle, node = transfer(scheme, double)
-    each = times(particles * rounds, laws.units(weights) | {particle: 1.0})
+    each = times(particles * rounds, laws.units() | {particle: 1.0})
     return each | {"round": rounds, node: nodes * rounds, "frame": frames, "frame.particle": frames * particles}
 
 
 def backward(
     particles: float, rounds: float, nodes: float, laws: Laws, scheme: Scheme, *,
-    kept: bool, double: bool = False, weights: Mapping[str, float] | None = None,
+    kept: bool, double: bool = False,
 ) -> Work:  # fmt: skip
     """The gradient of the same, from states that were kept or by running every frame again."""
     particle, node = transfer(scheme, double)
-    each = times(particles * rounds, laws.units(weights) | {particle: 1.0})
+    each = times(particles * rounds, laws.units() | {particle: 1.0})
     work = {f"back.{unit}": n for unit, n in (each | {"round": rounds, node: nodes * rounds}).items()}
-    again = forward(particles, rounds, 0.0, nodes, laws, scheme, double=double, weights=weights)
+    again = forward(particles, rounds, 0.0, nodes, laws, scheme, double=double)
     return work if kept else add(work, again)
 
 

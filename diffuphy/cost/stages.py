@@ -128,11 +128,8 @@ def trajectory(components: Mapping[str, Any], motion: Motion, body: Body) -> Cou
     regions = min(fit.regions, len(set(motion.materials.values())))
     steps = rounds(scene, body.wave(fitted(fit, body, regions, 1.0)), body.size / 2)
     elastic, plastic = _own(body)
-    weights = _shares(body)
     laws, nodes = Laws.of(elastic, plastic), rollouts.block(body.extent, scene.dx)
-    work = rollouts.forward(
-        body.particles, steps, scene.frames, nodes, laws, play.scheme, double=play.double, weights=weights
-    )
+    work = rollouts.forward(body.particles, steps, scene.frames, nodes, laws, play.scheme, double=play.double)
     if play.scheme.contact == "elastic":
         work["contact.particle"] = body.particles * steps
     shots = (scene.frames + 1) * body.particles * 4 * (3 + 3 + 9)
@@ -228,12 +225,6 @@ def _pairs(fit: Any, body: Body, parts: list[int], regions: int) -> Iterable[tup
 def _own(body: Body) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Laws of the table."""
     return tuple(dict.fromkeys(k.elastic for k in body.kinds)), tuple(dict.fromkeys(k.plastic for k in body.kinds))
-
-
-def _shares(body: Body) -> dict[str, float]:
-    """Share of the particles that follow a law, parts taken as equally large."""
-    names = [name for kind in body.kinds for name in (kind.elastic, kind.plastic)]
-    return {name: names.count(name) / len(body.kinds) for name in names}
 
 
 def fitted(fit: Any, body: Body, regions: int, share: float) -> list[float | None]:
