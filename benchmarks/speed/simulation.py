@@ -49,6 +49,15 @@ def throughput(case: str, scheme: str, n: int, dtype: torch.dtype, repeat: int, 
     }  # fmt: skip
 
 
+def large(case: str, scheme: str, n: int, device: str) -> dict[str, Any]:
+    """Forward throughput of a body too large to go back through here."""
+    alone = body(case, SCHEMES[scheme], n, torch.float32, grad=False, device=device)
+    seconds = best(alone.forward, 2)
+    return {"case": case, "scheme": scheme, "particles": n, "precision": "float32",
+            "forward_M_per_s": round(n * N_SUB / seconds / 1e6, 3), "launches": alone.launches(),
+            **alone.bytes()}  # fmt: skip
+
+
 def occupied(n: int, fill: float, repeat: int, device: str) -> dict[str, Any]:
     """Throughput when the body fills a share of its box only."""
     b = body("neo-Hookean", Scheme(), n, torch.float32, grad=False, device=device, fill=fill)
