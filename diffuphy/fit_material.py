@@ -269,7 +269,10 @@ class FitMaterial:
         self, bench: Bench, cond: Conditions, field: MaterialField, table: MaterialField, work: Workspace
     ) -> None:
         """Hardened loss, held-out motion, and the loss at the table itself: below it one fits discretisation."""
-        numbers = {"hardened_loss": cond.score(bench.clip(prune(field).field), self.weight)}
+        pruned = prune(field)
+        numbers = {"hardened_loss": cond.score(bench.clip(pruned.field), self.weight)}
+        if pruned.dropped:
+            numbers["pruning_change"] = bench.change(field, pruned.field)
         if isinstance(getattr(cond.guidance, "references", None), TableClips):
             numbers["loss_at_table"] = cond.score(bench.clip(prune(table).field), self.weight)
             other = dataclasses.replace(self.probe, speed=1.7 * self.probe.speed, tilt=0.25).scene(

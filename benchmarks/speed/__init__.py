@@ -79,6 +79,7 @@ def coefficients(
     known = prices.fit(forward) | prices.fit(backward)
     known |= prices.fit(simulation.frames(repeat, device), known)
     known |= prices.fit(rasteriser.rows(found["rasteriser"], "tile" if device == "cpu" else "pixel"))
+    known |= prices.fit(rasteriser.harmonics(repeat, device))
     for rows in network.rows(found["network"], found["rays"]):
         known |= prices.fit(rows)
     worst = max(map(abs, prices.errors([*forward, *backward], known)))

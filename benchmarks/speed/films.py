@@ -129,15 +129,18 @@ def main() -> None:
         stage |= {"work": counted.work, "sizes": counted.sizes}
         expected = count(components, prompt.motion, guess)
         stage |= {"guessed_work": expected.work, "guessed_sizes": expected.sizes}
-    lines = (at["trajectory"] / "work" / "metrics.jsonl").read_text().splitlines()
+    rows = (at["trajectory"] / "work" / "metrics.jsonl").read_text().splitlines()
+    taken = sum(json.loads(row)["substeps"] + 1 for row in rows)
+    moved: dict[str, Any] = watch.stages["trajectory"]
+    share = taken / moved["work"]["round"]
+    moved["work"] = {u: n if u.startswith("frame") else share * n for u, n in moved["work"].items()}
     print(json.dumps({
         "prompt": arguments[0].partition("=")[2],
         "settings": arguments[1:],
         "stages": watch.stages,
         "particles": [round(guess.particles), made[0]],
         "gaussians": [round(guess.gaussians), made[1]],
-        "rounds": [watch.stages["trajectory"]["guessed_work"]["round"],  # type: ignore[index]
-                   sum(json.loads(line)["substeps"] + 1 for line in lines)],
+        "rounds": [moved["guessed_work"]["round"], taken],
         "threads": [torch.get_num_threads(), os.cpu_count()],
     }))  # fmt: skip
 

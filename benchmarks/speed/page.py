@@ -140,7 +140,9 @@ def estimate(film: Mapping[str, Any]) -> dict[str, tuple[float, float, float, fl
     found = {}
     for name, stage in film["stages"].items():
         seconds = sum(prices["seconds"][u] * n for u, n in stage["guessed_work"].items() if n)
-        size = prices["bytes"]["process"] + sum(prices["bytes"][k] * n for k, n in stage["guessed_sizes"].items() if n)
+        factors = prices["bytes"]
+        size = sum(factors[k] * n for k, n in stage["guessed_sizes"].items() if n)
+        size += factors["process"] + factors[f"stage.{name}"]
         found[name] = seconds, stage["processor"], size / 1e6, stage["bytes"] / 1e6
     return found
 
@@ -164,8 +166,8 @@ def predicted(data: Mapping[str, Any]) -> str:
         seconds, took = (sum(s[k] for s in stages.values()) for k in (0, 1))
         size, used = (max(s[k] for s in stages.values()) for k in (2, 3))
         counts = [" / ".join(f"{n:.0f}" for n in film[key]) for key in ("particles", "rounds")]
-        rows.append([film["prompt"], *counts, f"{seconds:.1f}", f"{took:.1f}", f"{seconds / took:.2f}", f"{size:.0f}", f"{used:.0f}",
-                     f"{size / used:.2f}"])  # fmt: skip
+        numbers = (f"{seconds:.1f}", f"{took:.1f}", f"{seconds / took:.2f}", f"{size:.0f}", f"{used:.0f}")
+        rows.append([film["prompt"], *counts, *numbers, f"{size / used:.2f}"])
         parts.append([film["prompt"], *(f"{a:.2f} / {b:.2f}" for a, b, *_ in stages.values())])
     ratios = [float(r[5]) for r in rows]
     inside = sum(1 / 1.3 <= r <= 1.3 for r in ratios)
@@ -180,5 +182,8 @@ def predicted(data: Mapping[str, Any]) -> str:
         "Small films of different objects, materials, motions and settings, each in a process of its own; seconds are "
         f"processor time without building kernels. {data['machine']}. Predicted / made particles, predicted / taken "
         "rounds.\n\n"
-        + table(head, rows) + said + "\nThe same by stage, predicted / measured [s]:\n\n" + table(["film", *stages], parts)
+        + table(head, rows)
+        + said
+        + "\nThe same by stage, predicted / measured [s]:\n\n"
+        + table(["film", *stages], parts)
     )  # fmt: skip

@@ -14,6 +14,7 @@ from benchmarks.speed.body import now
 from benchmarks.speed.prices import Row
 from diffuphy.cost.stages import pictures
 from diffuphy.render import Dense, Warp, orbit, rasterize
+from diffuphy.render.sh import colors
 from diffuphy.types import Camera
 
 CASES = ((3_000, 64), (10_000, 64), (3_000, 128), (10_000, 128), (50_000, 128), (10_000, 256), (50_000, 384))
@@ -53,6 +54,24 @@ def table(repeats: int, device: str, cases: tuple[tuple[int, int], ...] = CASES)
         for g, s in cases
         for d in drivers
     ]
+
+
+def harmonics(repeats: int, device: str, count: int = 10_000, degree: int = 3) -> list[Row]:
+    """Timed colours of harmonics, forward, and forward and backward."""
+    means, *_ = (x.to(device) for x in ball(count))
+    values = torch.zeros(count, (degree + 1) ** 2, 3, device=device).requires_grad_()
+    camera = orbit([30.0], 20.0, 3.0, width=8, height=8).to(device)
+    F = torch.eye(3, device=device).expand(count, 3, 3)
+    forward, both = [], []
+    for _ in range(repeats + 1):
+        begin = now(device)
+        seen = colors(values, means, camera, F)
+        forward.append(now(device) - begin)
+        seen.sum().backward()
+        both.append(now(device) - begin)
+    work = {"view.harmonic": float(count * (degree + 1) ** 2)}
+    each = [statistics.median(times[1:]) for times in (forward, both)]
+    return [(work, each[0]), (work | {"back.view.harmonic": work["view.harmonic"]}, each[1])]
 
 
 def rows(cases: list[dict[str, Any]], driver: str) -> list[Row]:

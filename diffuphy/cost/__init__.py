@@ -79,7 +79,7 @@ def predict(
         counted = count(components, prompt.motion, what)
         seconds = price(counted.work, device)
         saved = _shared(counted.spread, device, min(counted.lanes, cores))
-        stages[name] = StageCost(seconds - saved, _bytes(counted.sizes, table), seconds, counted.work)
+        stages[name] = StageCost(seconds - saved, _bytes(name, counted.sizes, table), seconds, counted.work)
     pace = machine.pace(table["yardstick"], device)
     return Cost(stages, f"{table['machine']}; this one takes {pace:.2f} of its time")
 
@@ -106,6 +106,7 @@ def _shared(work: Mapping[str, float], device: str, lanes: int) -> float:
     return 0.0 if device.startswith("cuda") else price(work, device) * SHARED * (1 - 1 / lanes)
 
 
-def _bytes(sizes: Mapping[str, float], table: Mapping[str, Any]) -> int:
+def _bytes(stage: str, sizes: Mapping[str, float], table: Mapping[str, Any]) -> int:
+    """Peak of the process: what it takes by itself and with the code of a stage, and what the stage keeps."""
     factors = table["bytes"]
-    return round(factors["process"] + sum(factors[kind] * n for kind, n in sizes.items() if n))
+    return round(factors["process"] + factors[f"stage.{stage}"] + sum(factors[k] * n for k, n in sizes.items() if n))

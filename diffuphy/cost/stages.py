@@ -30,6 +30,16 @@ STRAIGHT = 0.3
 PREVIEW = 3, 128
 """Pictures of a preview, and their side [px]."""
 
+SHOT = 3 + 3 + 9
+"""Numbers of a particle in a trajectory: x, v, F."""
+
+SKIN, SPLAT = 24, 60
+"""Numbers that the graph of a picture keeps of a Gaussian: for each particle that it follows (x, F, arm, and what they
+become), and for itself (covariance, footprint, colour, operands)."""
+
+CACHE_BYTES = 256 * 2**20
+"""Memory of the pictures that a library keeps [byte]."""
+
 PER_CELL = 8.0
 """Particles a cell, for a single rollout whose scene is not told."""
 
@@ -56,9 +66,11 @@ class Spaced:
     """Mean distance [m]."""
 
 
-def pictures(views: float, gaussians: float, side: float, *, back: bool = False) -> Work:
-    """Pictures of ``side`` pixels a side, forward, or forward and backward."""
+def pictures(views: float, gaussians: float, side: float, *, back: bool = False, degree: int = 0) -> Work:
+    """Pictures of ``side`` pixels a side, forward, or forward and backward; coloured by harmonics of a degree."""
     work = {"view": views, "view.gaussian": views * gaussians, "view.pixel": views * side**2}
+    if degree:
+        work["view.harmonic"] = views * gaussians * (degree + 1) ** 2
     return add(work, {f"back.{unit}": n for unit, n in work.items()}) if back else work
 
 
@@ -78,11 +90,13 @@ def gaussians(components: Mapping[str, Any], motion: Motion, body: Body) -> Coun
     work = add(
         {"gaussians": 1.0, "step": fit.steps, "step.gaussian": fit.steps * body.mean_gaussians,
          "ray": seen * aa**2, "ray.primitive": seen * aa**2 * body.crowd, "prior.pixel": views * variants * side**2},
-        pictures(views, body.mean_gaussians, side, back=True),
+        pictures(views, body.mean_gaussians, side, back=True, degree=fit.sh_degree),
         pictures(shown * PREVIEW[0], body.mean_gaussians, PREVIEW[1]),
     )  # fmt: skip
-    sizes = {"picture": seen * 4 * 2, "gaussian": body.gaussians, "pixel": side**2 * fit.views * (variants + 1)}
-    return Counted(work, sizes)
+    kept = min(seen * 4 * 2, CACHE_BYTES)  # references at half precision, with coverage
+    return Counted(
+        work, {"picture": kept, "graph": 4 * (body.gaussians * 60 + 10 * side**2 * fit.views * (variants + 1))}
+    )
 
 
 def particles(components: Mapping[str, Any], motion: Motion, body: Body) -> Counted:
@@ -90,14 +104,14 @@ def particles(components: Mapping[str, Any], motion: Motion, body: Body) -> Coun
     sample = components["particles"]
     cells = math.prod(side / body.spacing(body.particles) + 8 for side in body.extent)
     work = {"particles": 1.0, "fill.gaussian": body.gaussians, "fill.cell": cells if sample.fill != "none" else 0.0}
-    return Counted(work, {"cell": cells})
+    return Counted(work, {"lattice": 3 * 8 * cells})
 
 
 def material(components: Mapping[str, Any], motion: Motion, body: Body) -> Counted:
     """The scan, the training, and the clips of prior and verdict."""
     fit, probe = components["material"], components["material"].probe
     n = DRAFT * min(probe.particles, body.particles)
-    drop = _Drop(fit, body, n)
+    drop = _Drop(fit, body, n, components["gaussians"].sh_degree)
     regions = min(fit.regions, len(set(motion.materials.values())))
     parts = [_part(r, regions, len(body.kinds)) for r in range(len(body.kinds))]
     work, scans = [{"material": 1.0, "material.particle": body.particles}], []
@@ -114,9 +128,8 @@ def material(components: Mapping[str, Any], motion: Motion, body: Body) -> Count
         work.append(times(count, drop.clip(frames, trained, wave, back=True)))
     work.append(times(fit.steps, {"train": 1.0, "train.flop": flops(fit.net, n, len(fit.elastic) + len(fit.plastic))}))
     states = drop.bytes(probe.frames, trained, wave) if fit.steps else 0.0
-    seen = probe.frames * probe.image**2
-    sizes = {"state": states, "gaussian": body.gaussians, "clip.gaussian": probe.frames * body.gaussians,
-             "pixel": seen, "particle": body.particles}  # fmt: skip
+    graph = 4 * probe.frames * (body.gaussians * (SKIN * probe.skin + SPLAT) + 10 * probe.image**2)
+    sizes = {"state": states, "graph": graph if fit.steps else 0.0}
     return Counted(add(*work, *scans), sizes, add(*scans), SCAN_THREADS)
 
 
@@ -132,10 +145,13 @@ def trajectory(components: Mapping[str, Any], motion: Motion, body: Body) -> Cou
     work = rollouts.forward(body.particles, steps, scene.frames, nodes, laws, play.scheme, double=play.double)
     if play.scheme.contact == "elastic":
         work["contact.particle"] = body.particles * steps
-    shots = (scene.frames + 1) * body.particles * 4 * (3 + 3 + 9)
+    threads = body.particles >= THREADED
+    if threads:  # each waits for the others, and has a copy of the nodes
+        work["threads.particle"] = body.particles * steps
+    shots = (scene.frames + 1) * body.particles * 4 * SHOT
     own = body.particles * (2 * rollouts.row_bytes(laws, play.double) + rollouts.matter_bytes(laws, play.double))
     sizes = {"state": own + nodes * rollouts.node_bytes(play.scheme, play.double), "shot": shots}
-    return Counted(work, sizes, work, MAX_THREADS if body.particles >= THREADED else 1)
+    return Counted(work, sizes, work, MAX_THREADS if threads else 1)
 
 
 def clip(components: Mapping[str, Any], motion: Motion, body: Body) -> Counted:
@@ -143,12 +159,12 @@ def clip(components: Mapping[str, Any], motion: Motion, body: Body) -> Counted:
     film, play = components["clip"], components["trajectory"]
     frames = max(1, round(play.seconds * play.fps)) + 1
     side = math.sqrt(film.width * film.height) * film.supersample
-    work = pictures(frames, body.gaussians, side)
+    work = pictures(frames, body.gaussians, side, degree=components["gaussians"].sh_degree)
     work |= {"clip": 1.0, "film.pixel": frames * side**2, "skin": frames * body.gaussians * film.neighbours}
     if film.floor and film.shadow > 0:
         work["shadow.particle"] = frames * body.particles
-    sizes = {"frame": frames * film.width * film.height * 3 * 4, "gaussian": body.gaussians, "pixel": side**2}
-    return Counted(work, sizes)
+    shots = frames * body.particles * 4 * SHOT
+    return Counted(work, {"frame": frames * film.width * film.height * 3 * 4, "shot": shots})
 
 
 STAGES: dict[str, Callable[[Mapping[str, Any], Motion, Body], Counted]] = {
@@ -161,8 +177,8 @@ STAGES: dict[str, Callable[[Mapping[str, Any], Motion, Body], Counted]] = {
 class _Drop:
     """The probe with its coarse copy."""
 
-    def __init__(self, fit: Any, body: Body, particles: float):
-        self.fit, self.body, self.n = fit, body, particles
+    def __init__(self, fit: Any, body: Body, particles: float, degree: int):
+        self.fit, self.body, self.n, self.degree = fit, body, particles, degree
         dx = body.spacing(particles) * fit.probe.particles_per_cell ** (1 / 3)
         self.scene = fit.probe.scene(dx, body.size)
         self.nodes = rollouts.block(body.extent, dx)
@@ -176,7 +192,7 @@ class _Drop:
         R, scheme, G = self.rounds(frames, wave), self.scene.scheme, self.body.gaussians
         work = [
             rollouts.forward(self.n, R, frames, self.nodes, laws, scheme),
-            pictures(frames, G, self.fit.probe.image, back=back),
+            pictures(frames, G, self.fit.probe.image, back=back, degree=self.degree),
             {
                 "skin": frames * G * self.fit.probe.skin * (1 + 2 * back),
                 "score.pixel": frames * self.fit.probe.image**2,
