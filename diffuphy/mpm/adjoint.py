@@ -20,6 +20,7 @@ import warp as wp
 from diffuphy.mpm.adjoint_g2p import make_g2p_adjoint
 from diffuphy.mpm.drive import make_drives
 from diffuphy.mpm.rows import make_rows
+from diffuphy.mpm.survey import make_survey
 from diffuphy.mpm.transfer import make_transfer
 from diffuphy.mpm.variant import Variant
 
@@ -166,7 +167,8 @@ def _make_from_nodes(variant: Variant) -> wp.Function:
     """Warp function: S, S_f, Ā per cell, τ̄, Σ w m̄ and the derivative along each axis [cells] of what a particle brought
     to its nodes: mass, momentum m v with the affine part A per cell, impulse g and stress k τ."""
     real, vec3, mat33, node_t = variant.real, variant.vec3, variant.mat33, variant.node_t
-    scatter_adjoint, rows = make_transfer(variant.scheme, real).scatter_adjoint, make_rows(variant)
+    transfer, rows = make_survey(variant.scheme, real), make_rows(variant)
+    survey, slope = transfer.survey, transfer.along
     row, first, second, column, moments = rows.row, rows.first, rows.second, rows.column, rows.moments
     placed = rows.placed
     classic = variant.scheme.force == "classic"
@@ -178,24 +180,26 @@ def _make_from_nodes(variant: Variant) -> wp.Function:
     ):  # fmt: skip
         q, T, z, o = m * v - A * f, k * tau, vec3(), real(0.0)
         tau_bar = mat33()
+        at = survey(bar, base, n, bx, by, bz, f)
+        sum = at[0]
         if wp.static(classic):
-            sum, m0, m1, m2, g0, g1, g2, along = scatter_adjoint(
-                bar, base, n, bx, by, bz, f, placed(row(q, m, g), phi),
+            along = slope(
+                at, placed(row(q, m, g), phi),
                 row(column(A, 0), o, z), row(column(A, 1), o, z), row(column(A, 2), o, z),
                 row(z, o, column(T, 0)), row(z, o, column(T, 1)), row(z, o, column(T, 2)),
             )  # fmt: skip
-            tau_bar = k * wp.matrix_from_cols(second(g0), second(g1), second(g2))
-            along -= wp.transpose(A) * first(sum)
+            tau_bar = k * wp.matrix_from_cols(second(at[4]), second(at[8]), second(at[12]))
         else:
-            sum, m0, m1, m2, along = scatter_adjoint(
-                bar, base, n, bx, by, bz, f, placed(row(q, m, g - T * f), phi),
+            along = slope(
+                at, placed(row(q, m, g - T * f), phi),
                 row(column(A, 0), o, column(T, 0)),
                 row(column(A, 1), o, column(T, 1)),
                 row(column(A, 2), o, column(T, 2)),
             )  # fmt: skip
-            tau_bar = k * moments(second(sum), second(m0), second(m1), second(m2), f)
-            along -= wp.transpose(A) * first(sum) + wp.transpose(T) * second(sum)
-        A_bar = moments(first(sum), first(m0), first(m1), first(m2), f)
+            tau_bar = k * moments(second(sum), second(at[1]), second(at[2]), second(at[3]), f)
+            along -= wp.transpose(T) * second(sum)
+        along -= wp.transpose(A) * first(sum)
+        A_bar = moments(first(sum), first(at[1]), first(at[2]), first(at[3]), f)
         along += (m * sum[7]) * normal
         return first(sum), second(sum), A_bar, tau_bar, sum[3] + sum[7] * phi, along
 

@@ -1,10 +1,13 @@
 """Adjoint of the way from the grid to the particles; ``adjoint`` has the formulas."""
 
+from typing import Any
+
 import warp as wp
 
 from diffuphy.material import linalg
 from diffuphy.mpm.drive import make_drives
 from diffuphy.mpm.rows import make_around, make_rows
+from diffuphy.mpm.survey import make_survey
 from diffuphy.mpm.transfer import make_transfer
 from diffuphy.mpm.variant import Variant
 
@@ -16,7 +19,8 @@ def make_g2p_adjoint(variant: Variant) -> wp.Kernel:
     memory_t = mixture.memory_t
     transfer, rows, drives = make_transfer(variant.scheme, real), make_rows(variant), variant.drives
     spline, carried_adjoint = transfer.spline, rows.carried_adjoint
-    around, to_nodes = make_around(variant), _make_to_nodes(variant)
+    survey, fields = make_survey(variant.scheme, real).survey, make_around(variant).fields
+    to_nodes = _make_to_nodes(variant)
     cell, eye, cofactor = spline.cell, spline.eye, linalg.build(real).cofactor
     plastic, branched = mixture.is_plastic, len(mixture.branches) > 0
     opens = "log_J" in mixture.memory
@@ -68,7 +72,10 @@ def make_g2p_adjoint(variant: Variant) -> wp.Kernel:
         nodes = n[0] * n[1] * n[2]
         base, lane = (p // per_scene) * nodes, (p // per) * nodes
         c = inverse * idx
-        B, L, _V, V_0, B_0 = around(grid_v, base, n, bx, by, bz, f, idx)
+        around = survey(grid_v, base, n, bx, by, bz, f)
+        B, L, _V, V_0, B_0 = fields(
+            around[0], around[1], around[2], around[3], around[4], around[8], around[12], f, idx
+        )  # fmt: skip
         if wp.static(driven):
             _v, L = hold(place, v[r], L, tag[p], drive_row, s)
         x_next = x_bar[p]
@@ -117,7 +124,7 @@ def make_g2p_adjoint(variant: Variant) -> wp.Kernel:
         else:
             v_bar[p] = vec3()
             C_bar[p] = mat33()
-        along = to_nodes(grid_v, base, bar, lane, n, bx, by, bz, f, v_next, V0_bar, B_bar, B0_bar, idx * L_bar)
+        along = to_nodes(around, bar, lane, n, bx, by, bz, f, v_next, V0_bar, B_bar, B0_bar, idx * L_bar)
         x_bar[p] = x_next + idx * along
 
     return g2p_adjoint
@@ -127,27 +134,29 @@ def _make_to_nodes(variant: Variant) -> wp.Function:
     """Warp function: adds what a particle hands back to the bars of its nodes; the derivative along each axis [cells]
     of Σ_i row_i · that."""
     real, vec3, mat33, node_t = variant.real, variant.vec3, variant.mat33, variant.node_t
-    gather_adjoint, rows = make_transfer(variant.scheme, real).gather_adjoint, make_rows(variant)
+    scatter, slope, rows = (
+        make_transfer(variant.scheme, real).scatter, make_survey(variant.scheme, real).along, make_rows(variant)
+    )  # fmt: skip
     row, first, second, column, affine = rows.row, rows.first, rows.second, rows.column, rows.affine
     classic, keeps = variant.scheme.force == "classic", variant.scheme.keeps
 
     @wp.func(module="unique")
     def to_nodes(
-        grid_v: wp.array[node_t], base: wp.int32, bar: wp.array[node_t], lane: wp.int32, n: wp.vec3i,
+        around: Any, bar: wp.array[node_t], lane: wp.int32, n: wp.vec3i,
         bx: wp.int32, by: wp.int32, bz: wp.int32, f: vec3, V: vec3, V0: vec3, B: mat33, B0: mat33, G: mat33,
     ):  # fmt: skip
         q, b0, b1, b2 = affine(V, V0, B, B0, f)
         if wp.static(classic):
             z, o = vec3(), real(0.0)
-            mean, along = gather_adjoint(
-                grid_v, base, bar, lane, n, bx, by, bz, f, q, b0, b1, b2,
-                row(column(G, 0), o, z), row(column(G, 1), o, z), row(column(G, 2), o, z),
-            )  # fmt: skip
+            c0, c1, c2 = row(column(G, 0), o, z), row(column(G, 1), o, z), row(column(G, 2), o, z)
+            scatter(bar, lane, n, bx, by, bz, f, q, b0, b1, b2, c0, c1, c2)
+            along = slope(around, q, b0, b1, b2, c0, c1, c2)
         else:
-            mean, along = gather_adjoint(grid_v, base, bar, lane, n, bx, by, bz, f, q, b0, b1, b2)
-        along -= wp.transpose(B) * first(mean)
+            scatter(bar, lane, n, bx, by, bz, f, q, b0, b1, b2)
+            along = slope(around, q, b0, b1, b2)
+        along -= wp.transpose(B) * first(around[0])
         if wp.static(keeps):
-            along -= wp.transpose(B0) * second(mean)
+            along -= wp.transpose(B0) * second(around[0])
         return along
 
     return to_nodes

@@ -171,7 +171,7 @@ def _make_g2p(variant: Variant) -> wp.Kernel:
         variant.vec3, variant.mat33, variant.node_t, variant.step_t, mixture.memory_t
     )  # fmt: skip
     spline, drives = make_transfer(variant.scheme, real).spline, variant.drives
-    around, log_det = make_around(variant), make_rows(variant).log_det
+    around, log_det = make_around(variant).around, make_rows(variant).log_det
     inside, cell, eye = spline.inside, spline.cell, spline.eye
     plastic, branched = mixture.is_plastic, len(mixture.branches) > 0
     opens = "log_J" in mixture.memory

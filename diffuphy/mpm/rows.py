@@ -106,9 +106,9 @@ def _make_rows(v: Variant) -> SimpleNamespace:
 
 
 @lru_cache
-def make_around(variant: Variant) -> wp.Function:
-    """Warp function: B, L, V, and V⁰ and B⁰ at a particle, the last two only if particles keep something of their
-    velocity."""
+def make_around(variant: Variant) -> SimpleNamespace:
+    """Warp functions ``fields``: B, L, V, and V⁰ and B⁰ at a particle, the last two only if particles keep something of
+    their velocity, from sums over nodes; and ``around``: the same from the nodes."""
     real, vec3, mat33, node_t = variant.real, variant.vec3, variant.mat33, variant.node_t
     gather, rows = make_transfer(variant.scheme, real).gather, make_rows(variant)
     first, second, moments = rows.first, rows.second, rows.moments
@@ -116,23 +116,32 @@ def make_around(variant: Variant) -> wp.Function:
     inverse = real(1 / variant.scheme.inertia)
 
     @wp.func(module="unique")
-    def around(
-        grid_v: wp.array[node_t], base: wp.int32, n: wp.vec3i, bx: wp.int32, by: wp.int32, bz: wp.int32, f: vec3,
-        idx: real,
+    def fields(
+        sum: node_t, m0: node_t, m1: node_t, m2: node_t, g0: node_t, g1: node_t, g2: node_t, f: vec3, idx: real
     ):  # fmt: skip
+        """From Σ w row, Σ w row i for each axis and, classic alone, Σ row ∂w for each axis."""
         c = inverse * idx
-        L, V_0, B_0 = mat33(), vec3(), mat33()
-        if wp.static(classic):
-            sum, m0, m1, m2, g0, g1, g2 = gather(grid_v, base, n, bx, by, bz, f)
-            L = wp.matrix_from_cols(idx * first(g0), idx * first(g1), idx * first(g2))
-        else:
-            sum, m0, m1, m2 = gather(grid_v, base, n, bx, by, bz, f)
+        V_0, B_0 = vec3(), mat33()
         B = c * moments(first(sum), first(m0), first(m1), first(m2), f)
-        if wp.static(not classic):
-            L = B
+        L = B
+        if wp.static(classic):
+            L = wp.matrix_from_cols(idx * first(g0), idx * first(g1), idx * first(g2))
         if wp.static(keeps):
             V_0 = second(sum)
             B_0 = c * moments(V_0, second(m0), second(m1), second(m2), f)
         return B, L, first(sum), V_0, B_0
 
-    return around
+    @wp.func(module="unique")
+    def around(
+        grid_v: wp.array[node_t], base: wp.int32, n: wp.vec3i, bx: wp.int32, by: wp.int32, bz: wp.int32, f: vec3,
+        idx: real,
+    ):  # fmt: skip
+        g0, g1, g2 = node_t(), node_t(), node_t()
+        if wp.static(classic):
+            sum, m0, m1, m2, g0, g1, g2 = gather(grid_v, base, n, bx, by, bz, f)
+        else:
+            sum, m0, m1, m2 = gather(grid_v, base, n, bx, by, bz, f)
+        B, L, V, V_0, B_0 = fields(sum, m0, m1, m2, g0, g1, g2, f, idx)
+        return B, L, V, V_0, B_0
+
+    return SimpleNamespace(fields=fields, around=around)

@@ -63,11 +63,12 @@ def functions(kernel: wp.Kernel) -> set[str]:
 SPLINE = {"weights", "inside", "cell", "eye"}
 NEEDED = {
     "p2g": SPLINE
-    | {"row", "column", "placed", "beside", "bring", "scatter", "material_of", "stress", "direct", "lame_theta", "log"},
+    | {"row", "column", "placed", "beside", "bring", "scatter", "plus", "add"}
+    | {"material_of", "stress", "direct", "lame_theta", "log"},
     "divide": {"index", "summed"},
     "cells": {"index", "flat", "corner", "gradient", "lightest", "packed"},
     "move": {"index", "flat", "corner", "sharpened", "free", "summed"},
-    "g2p": SPLINE | {"around", "first", "second", "gather", "kept", "moments"},
+    "g2p": SPLINE | {"around", "fields", "first", "second", "gather", "plus", "take", "moments"},
 }
 """All that a neo-Hookean body in free space may call; the logarithm is that of its law."""
 
