@@ -31,7 +31,7 @@ MAY_IMPORT = {
     "fit_material": {"types", "workspace", "render", "material", "mpm", "losses", "appearance", "probe", "scan"},
     "cost": {"types", "material", "mpm", "scan"},
     "plan": {"types", "artifact", "material", "cost"},
-    "pipeline": {"types", "artifact", "plan", "cost"},
+    "pipeline": {"types", "artifact", "plan"},
     "export": {"types", "artifact", "plan", "render"},
     "explain": set(),
     "settings": set(),
