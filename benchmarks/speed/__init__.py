@@ -110,7 +110,7 @@ def measured(options: argparse.Namespace) -> None:
 
 def tested(options: argparse.Namespace) -> None:
     """Make the films of the test; write what was predicted and what was measured."""
-    results = [films.run(film) for film in films.TEST]
+    results = [{"expected": films.expected(film), "measured": films.run(film)} for film in films.TEST]
     (options.out / "docs/benchmarks").mkdir(parents=True, exist_ok=True)
     (options.out / "docs/benchmarks/cost.json").write_text(
         json.dumps({"machine": describe(), "films": results}, indent=1)

@@ -1,7 +1,5 @@
 """What the stages of small films take, apart from compiling; and what was predicted for them.
 
-    python -m benchmarks.speed.films STORE prompt="a jelly falling" experiment=tiny      # one film, a line of JSON
-
 Every film is a process of its own, so that memory is that of a user's run. Kernels that are built or loaded on the way
 are timed apart: a plan cannot know which ones a machine has built before.
 """
@@ -21,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 Film = tuple[str, tuple[str, ...]]
 """A prompt, and settings."""
 
-FIRM = "material.stiffness=[4.5,6.3]"
+FIRM = "+material.stiffness=[4.5,6.3]"
 """Heavy grains as soft as the softest hypothesis of the scan would be turned inside out by their own weight."""
 
 SMALL = ("experiment=tiny", "scene.seconds=0.3")
@@ -57,11 +55,40 @@ def run(film: Film) -> dict[str, Any]:
     """Make a film in a process of its own and in a store that is thrown away; see ``main`` for what comes back."""
     prompt, settings = film
     with tempfile.TemporaryDirectory() as store:
-        command = [sys.executable, "-m", "benchmarks.speed.films", store, f"prompt={prompt}", *settings]
+        command = [sys.executable, "-c", "from benchmarks.speed.films import main; main()", store]
+        command += [f"prompt={prompt}", *settings]
         done = subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True)
     if done.returncode:
         raise RuntimeError(f"{prompt!r} failed:\n{done.stderr[-2000:]}")
     return json.loads(done.stdout.splitlines()[-1])
+
+
+def expected(film: Film) -> dict[str, Any]:
+    """What a plan counts for a film before anything of it exists: work and sizes of each stage, and points."""
+    from hydra import compose, initialize_config_dir
+    from omegaconf import OmegaConf
+
+    from diffuphy.cli import conf_dir, make
+    from diffuphy.cost.body import body
+    from diffuphy.cost.stages import STAGES
+    from diffuphy.plan import make_plan
+    from diffuphy.quoting import protect
+    from diffuphy.workspace import Workspace
+
+    text, settings = film
+    with initialize_config_dir(str(conf_dir()), version_base="1.3"):
+        tree: Any = OmegaConf.to_container(compose("train", protect([f"prompt={text}", *settings])), resolve=True)
+    components = make(tree["stages"])
+    prompt = components["prompt"](work=Workspace())
+    components = make_plan(components, prompt).components
+    guess = body(components, prompt)
+    counted = {name: count(components, prompt.motion, guess) for name, count in STAGES.items()}
+    return {
+        "stages": {name: {"work": c.work, "sizes": c.sizes} for name, c in counted.items()},
+        "particles": round(guess.particles),
+        "gaussians": round(guess.gaussians),
+        "rounds": round(counted["trajectory"].work["round"]),
+    }
 
 
 class Watch:
@@ -102,10 +129,8 @@ class Watch:
 
 
 def main() -> None:
-    """Make one film; print what its stages took, how much there was to do, and what would have been predicted."""
+    """Make one film; print what its stages took, how many points and rounds there were, and what work that was."""
     store, *arguments = sys.argv[1:]
-    import torch
-
     from diffuphy import pipeline
     from diffuphy.cli import main as film
     from diffuphy.cost.body import body
@@ -121,27 +146,25 @@ def main() -> None:
     at = {name: next((Path(store) / name).glob("*/meta.json")).parent for name in STAGES}
     prompt = Prompt.load(at["prompt"])
     made = len(Particles.load(at["particles"])), len(Gaussians.load(at["gaussians"]))
-    guess = body(components, prompt)
-    known = dataclasses.replace(guess, particles=made[0], gaussians=made[1])
+    known = dataclasses.replace(body(components, prompt), particles=made[0], gaussians=made[1])
+    stages: dict[str, Any] = {}
     for name, count in STAGES.items():
         counted = count(components, prompt.motion, known)
-        stage: dict[str, Any] = watch.stages[name]
-        stage |= {"work": counted.work, "sizes": counted.sizes}
-        expected = count(components, prompt.motion, guess)
-        stage |= {"guessed_work": expected.work, "guessed_sizes": expected.sizes}
+        stages[name] = watch.stages[name] | {"work": counted.work, "sizes": counted.sizes}
     rows = (at["trajectory"] / "work" / "metrics.jsonl").read_text().splitlines()
     taken = sum(json.loads(row)["substeps"] + 1 for row in rows)
-    moved: dict[str, Any] = watch.stages["trajectory"]
-    share = taken / moved["work"]["round"]
-    moved["work"] = {u: n if u.startswith("frame") else share * n for u, n in moved["work"].items()}
+    work = stages["trajectory"]["work"]
+    stages["trajectory"]["work"] = {
+        u: n if u.startswith("frame") else taken / work["round"] * n for u, n in work.items()
+    }
     print(json.dumps({
         "prompt": arguments[0].partition("=")[2],
         "settings": arguments[1:],
-        "stages": watch.stages,
-        "particles": [round(guess.particles), made[0]],
-        "gaussians": [round(guess.gaussians), made[1]],
-        "rounds": [moved["guessed_work"]["round"], taken],
-        "threads": [torch.get_num_threads(), os.cpu_count()],
+        "stages": stages,
+        "particles": made[0],
+        "gaussians": made[1],
+        "rounds": taken,
+        "cores": os.cpu_count(),
     }))  # fmt: skip
 
 

@@ -136,14 +136,15 @@ def networks(nets: Rows, rays: Rows) -> str:
 def estimate(film: Mapping[str, Any]) -> dict[str, tuple[float, float, float, float]]:
     """Predicted and measured processor seconds, predicted and measured megabytes of each stage, by today's prices, on
     the machine that they are from."""
-    prices = cost.coefficients()
+    seconds, factors = cost.coefficients()["seconds"], cost.coefficients()["bytes"]
     found = {}
-    for name, stage in film["stages"].items():
-        seconds = sum(prices["seconds"][u] * n for u, n in stage["guessed_work"].items() if n)
-        factors = prices["bytes"]
-        size = sum(factors[k] * n for k, n in stage["guessed_sizes"].items() if n)
-        size += factors["process"] + factors[f"stage.{name}"]
-        found[name] = seconds, stage["processor"], size / 1e6, stage["bytes"] / 1e6
+    for name, stage in film["expected"]["stages"].items():
+        took = sum(seconds[u] * n for u, n in stage["work"].items() if n)
+        size = (
+            factors["process"] + factors[f"stage.{name}"] + sum(factors[k] * n for k, n in stage["sizes"].items() if n)
+        )
+        done = film["measured"]["stages"][name]
+        found[name] = took, done["processor"], size / 1e6, done["bytes"] / 1e6
     return found
 
 
@@ -165,10 +166,10 @@ def predicted(data: Mapping[str, Any]) -> str:
         stages = estimate(film)
         seconds, took = (sum(s[k] for s in stages.values()) for k in (0, 1))
         size, used = (max(s[k] for s in stages.values()) for k in (2, 3))
-        counts = [" / ".join(f"{n:.0f}" for n in film[key]) for key in ("particles", "rounds")]
+        counts = [f"{film['expected'][key]} / {film['measured'][key]}" for key in ("particles", "rounds")]
         numbers = (f"{seconds:.1f}", f"{took:.1f}", f"{seconds / took:.2f}", f"{size:.0f}", f"{used:.0f}")
-        rows.append([film["prompt"], *counts, *numbers, f"{size / used:.2f}"])
-        parts.append([film["prompt"], *(f"{a:.2f} / {b:.2f}" for a, b, *_ in stages.values())])
+        rows.append([film["measured"]["prompt"], *counts, *numbers, f"{size / used:.2f}"])
+        parts.append([film["measured"]["prompt"], *(f"{a:.2f} / {b:.2f}" for a, b, *_ in stages.values())])
     ratios = [float(r[5]) for r in rows]
     inside = sum(1 / 1.3 <= r <= 1.3 for r in ratios)
     said = (
@@ -176,7 +177,7 @@ def predicted(data: Mapping[str, Any]) -> str:
         f"{max(ratios, key=lambda r: max(r, 1 / r)):.2f}. None of them taught a price. Where a prediction is far off, "
         "the number of rounds is: stiffness is what the training finds, and what it finds is not known before.\n"
     )
-    stages = list(data["films"][0]["stages"])
+    stages = list(data["films"][0]["expected"]["stages"])
     return (
         "### Ten films, predicted and measured\n\n"
         "Small films of different objects, materials, motions and settings, each in a process of its own; seconds are "

@@ -30,6 +30,9 @@ BALL = (math.pi / 6, (1.0, 1.0, 1.0), 1.0)
 GROWTH = 0.13
 """Share of Gaussians that one event of densification adds, averaged over the objects of the library [-]."""
 
+COARSENED = 0.94
+"""Share of the most particles that is left when a lattice has to be made coarser, 1.02⁻³ [-]."""
+
 KEPT = 0.96
 """Share of Gaussians that is left when haze and strays are removed [-]."""
 
@@ -82,11 +85,12 @@ def body(components: Mapping[str, Any], prompt: Prompt, particles: float | None 
     share, sides, crowd = shape(components, prompt)
     sample = components["particles"]
     most = share * sample.cells**3 * sample.per_cell
+    if most > sample.max_particles:
+        most = COARSENED * sample.max_particles
     _first, last, mean = gaussians(components["gaussians"])
     return Body(
         size, share * size**3, tuple(s * size for s in sides),  # type: ignore[arg-type]
-        particles or max(1.0, min(most, sample.max_particles)), KEPT * last, mean,
-        crowd, kinds(components["material"], prompt.motion),
+        particles or max(1.0, most), KEPT * last, mean, crowd, kinds(components["material"], prompt.motion),
     )  # fmt: skip
 
 
