@@ -93,6 +93,7 @@ def coefficients(
 def measured(options: argparse.Namespace) -> None:
     """Time this machine; write its file, and of a whole run the prices."""
     found = tables(options.repeat, options.device, options.quick)
+    stored(options, found, {})
     made = [] if options.quick or options.device != "cpu" else [films.run(film) for film in films.LEARN]
     table = coefficients(found, made, options.repeat, options.device, options.quick)
     kind = options.device.partition(":")[0]
@@ -102,9 +103,15 @@ def measured(options: argparse.Namespace) -> None:
             seconds = known["cpu"]["seconds"] | table["seconds"]
             table |= {"seconds": seconds, "bytes": known["cpu"]["bytes"]}
         COEFFICIENTS.write_text(json.dumps(known | {kind: table}, indent=1) + "\n", encoding="utf-8")
+    stored(options, found, table)
+
+
+def stored(options: argparse.Namespace, found: dict[str, Any], prices_of_units: dict[str, Any]) -> None:
+    """Write the file of this machine."""
+    kind = options.device.partition(":")[0]
     folder = options.out / MACHINES
     folder.mkdir(parents=True, exist_ok=True)
-    content = {"machine": describe(options.device), "device": kind, "prices": table, **found}
+    content = {"machine": describe(options.device), "device": kind, "prices": prices_of_units, **found}
     (folder / f"{page.slug(machine.name(options.device))}-{kind}.json").write_text(json.dumps(content, indent=1))
 
 

@@ -45,7 +45,7 @@ TEST: tuple[Film, ...] = (
     ("a snow ball falling", (*USUAL, "film.width=256", "film.height=256")),
     ("a foam cake squashed", (*USUAL, "fit.cameras.size=64", "fit.steps=300")),
     ("a water ball falling", (*USUAL, "sample.cells=12")),
-    ("a wooden duck sliding", (*USUAL, "material.probe.particles=600")),
+    ("a plastic ball sliding", (*USUAL, "material.probe.particles=600")),
     ("a steel ball bouncing", (*USUAL, "scene.scheme.order=3", "scene.seconds=0.3")),
 )
 """Films whose cost is predicted and then measured; none of them taught a price."""

@@ -74,7 +74,7 @@ def text(root: Path) -> str:
         parts += [f"## {m['machine']}\n", *sections(m)]
     parts.append(MODEL)
     if machines:
-        worst = machines[0]["prices"].get("worst_of_a_rollout")
+        worst = cost.coefficients()["worst_of_a_rollout"]
         parts.append(f"The timings of single rollouts that the prices were learnt from are met within {worst:.0%}.\n")
     films = root / "docs/benchmarks/cost.json"
     if films.exists():
