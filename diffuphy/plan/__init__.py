@@ -12,6 +12,7 @@ from typing import Any
 
 from diffuphy.artifact import Stage
 from diffuphy.cost import Cost, predict
+from diffuphy.plan.judgement import error_lines, judged, refined
 from diffuphy.plan.learning import loss_lines, model_lines
 from diffuphy.plan.line import Line, Plan
 from diffuphy.plan.materials import experts, mixture_lines, pruned_lines
@@ -24,17 +25,25 @@ __all__ = ["Line", "Plan", "cost_lines", "make_plan", "predicted", "pruned_lines
 log = logging.getLogger(__name__)
 
 
-def make_plan(components: dict[str, Any], prompt: Prompt, *, device: str = "cpu") -> Plan:
+def make_plan(
+    components: dict[str, Any], prompt: Prompt, *, accuracy: float | None = None, device: str = "cpu"
+) -> Plan:
     """Resolve the open settings of ``components`` for ``prompt``.
 
     Args:
         components: one component a stage, by stage name; see ``pipeline.stages``.
+        accuracy: error that the film may have, over the size of the object; None keeps the grid of the components.
         device: where the run will be; costs depend on it.
+
+    Raises:
+        accuracy.Unreachable: an accuracy that no grid promises.
     """
+    components, chosen = refined(components, prompt, accuracy)
     elastic, plastic, why = experts(components["material"], prompt.motion)
     material = dataclasses.replace(components["material"], elastic=elastic, plastic=plastic)
-    resolved = components | {"material": material}
+    resolved = components | {"material": material} | judged(components)
     lines = [
+        *chosen,
         Line("elastic experts", ", ".join(elastic), why),
         Line("plastic experts", ", ".join(plastic), why),
         *mixture_lines(resolved),
@@ -44,6 +53,7 @@ def make_plan(components: dict[str, Any], prompt: Prompt, *, device: str = "cpu"
         *loss_lines(resolved),
         *model_lines(resolved),
         *film_lines(resolved),
+        *error_lines(resolved),
     ]
     return Plan(resolved, tuple(priced(lines, resolved, prompt, device)))
 
