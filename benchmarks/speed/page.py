@@ -71,7 +71,7 @@ def text(root: Path) -> str:
     machines = [json.loads(f.read_text()) for f in sorted((root / "docs/benchmarks/machines").glob("*.json"))]
     parts = [HEAD]
     for m in machines:
-        parts += [f"## {m['machine']}\n", *[f"{m['note']}\n"] * ("note" in m), *sections(m)]
+        parts += [f"## {m['machine']}\n", *sections(m)]
     parts.append(MODEL)
     if machines:
         worst = cost.coefficients()["worst_of_a_rollout"]

@@ -177,7 +177,7 @@ def test_what_a_scene_does_not_need_costs_nothing():
 
 
 def test_known_particles_replace_the_guess():
-    small, large = (cost.predict(components(), DROP, particles=n).stages["trajectory"] for n in (4000, 16000))
+    small, large = (cost.predict(components(), DROP, particles=n).stages["trajectory"] for n in (5000, 20_000))
     # N Δt⁻¹ ∝ N^(4/3) for particles, less for the surface of the block and for what is paid once a round
     assert 4 < large.processor / small.processor < 4 ** (4 / 3)
 
