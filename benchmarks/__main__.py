@@ -19,6 +19,7 @@ HERE = Path(__file__).resolve().parent
 
 QUICK = {
     "contact": ("--quick", "--out", "{out}"),
+    "errors": ("--quick", "--out", "{out}"),
     "films": (
         "--prompts",
         "a ball falling",
@@ -39,6 +40,7 @@ QUICK = {
     "stability": ("--quick", "--jobs", "1", "--out", "{out}"),
     "throughput": ("--particles", "2000", "--repeat", "2", "--out", "{out}"),
     "verification": ("--tier", "0", "--out", "{out}"),
+    "work_precision": ("--quick", "--out", "{out}"),
 }
 """Options under which each script takes about a minute; ``{out}`` is a folder that is thrown away."""
 

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from diffuphy.artifact import SCRATCH, Done
+from diffuphy.judgement import judgement
 from diffuphy.plan import Plan
 from diffuphy.render import contact_sheet, orbit, render_gaussians, write_mp4, write_png
 from diffuphy.render.ply import write as write_ply
@@ -71,6 +72,7 @@ def export(
         stages=[{"name": d.name, "cached": d.cached, "seconds": d.seconds, "megabytes": d.megabytes} for d in done],
         numbers=numbers(at),
         warnings=list(warnings),
+        sections=[said.section()] if (said := judgement(done)) else [],
     )
     return files
 

@@ -1,4 +1,4 @@
-"""The table of the six stages, and the run that walks along it."""
+"""The table of the stages, and the run that walks along it."""
 
 import logging
 import os
@@ -7,15 +7,15 @@ from typing import Any
 
 from diffuphy.artifact import Done, Stage, Store, check_names
 from diffuphy.plan import Plan, make_plan, stage_lines
-from diffuphy.types import Clip, Gaussians, MaterialField, Particles, Prompt, Trajectory
+from diffuphy.types import Clip, Errors, Gaussians, MaterialField, Particles, Prompt, Trajectory
 
 log = logging.getLogger(__name__)
 
 
 def stages(components: dict[str, Any]) -> list[Stage]:
-    """Prompt → Gaussians → particles → material → trajectory → clip."""
+    """Prompt → Gaussians → particles → material → trajectory → clip; and beside them how wrong the film is."""
     c = components
-    return [
+    table = [
         Stage("prompt", Prompt, c["prompt"]),
         Stage("gaussians", Gaussians, c["gaussians"], ("prompt.look",)),
         Stage("particles", Particles, c["particles"], ("gaussians", "prompt.motion")),
@@ -23,6 +23,15 @@ def stages(components: dict[str, Any]) -> list[Stage]:
         Stage("trajectory", Trajectory, c["trajectory"], ("prompt.motion", "particles", "material")),
         Stage("clip", Clip, c["clip"], ("gaussians", "particles", "trajectory")),
     ]
+    if "errors" in c and c["errors"].error == "on":
+        made_of = ("prompt.motion", "particles", "material", "trajectory")
+        table.append(Stage("errors", Errors, c["errors"], made_of))
+    return table
+
+
+def last(table: list[Stage], until: str) -> str:
+    """The stage to run to: with the film comes all that a reader of its report wants to know."""
+    return table[-1].name if until == "clip" else until
 
 
 def run(
@@ -32,20 +41,23 @@ def run(
     until: str = "clip",
     force: list[str] | None = None,
     run_dir: Path | None = None,
+    accuracy: float | None = None,
 ) -> tuple[list[Done], Plan]:
     """Run the stages a scene needs, up to ``until``.
 
     Args:
         components: one component a stage, by stage name.
-        until: last stage to run.
+        until: last stage to run; with the clip come the errors.
         force: stages to run even if their result is stored.
         run_dir: where links to the results, the plan and its text go.
+        accuracy: error that the film may have, over the size of the object; None keeps the grid of the components.
     """
     force = list(force or [])
     first = stages(components)
     check_names(first, (until, *force))
+    until = last(first, until)
     (prompt,) = store.run(first, "prompt", force=[f for f in force if f == "prompt"])
-    plan = make_plan(components, Prompt.load(prompt.path))
+    plan = make_plan(components, Prompt.load(prompt.path), accuracy=accuracy)
     table = stages(plan.components)
     cached = store.look_up(table)
     plan = Plan(plan.components, (*stage_lines(table, cached, until, force), *plan.lines))

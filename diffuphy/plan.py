@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from diffuphy.accuracy import choose
 from diffuphy.artifact import Stage
 from diffuphy.material import make_mixture
 from diffuphy.material.presets import candidates
@@ -49,22 +50,29 @@ class Plan:
         path.write_text(json.dumps([dataclasses.asdict(line) for line in self.lines], indent=1, ensure_ascii=False))
 
 
-def make_plan(components: dict[str, Any], prompt: Prompt) -> Plan:
+def make_plan(components: dict[str, Any], prompt: Prompt, *, accuracy: float | None = None) -> Plan:
     """Resolve the open settings of ``components`` for ``prompt``.
 
     Args:
         components: one component a stage, by stage name; see ``pipeline.stages``.
+        accuracy: error that the film may have, over the size of the object; None keeps the grid of the components.
+
+    Raises:
+        accuracy.Unreachable: an accuracy that no grid promises.
     """
+    components, chosen = refined(components, prompt, accuracy)
     elastic, plastic, why = experts(components["material"], prompt.motion)
     material = dataclasses.replace(components["material"], elastic=elastic, plastic=plastic)
-    resolved = components | {"material": material}
+    resolved = components | {"material": material} | judged(components)
     lines = [
+        *chosen,
         Line("elastic experts", ", ".join(elastic), why),
         Line("plastic experts", ", ".join(plastic), why),
         *mixture_lines(elastic, plastic),
         *appearance_lines(components),
         *loss_lines(material),
         *model_lines(components),
+        *error_lines(components),
     ]
     return Plan(resolved, tuple(lines))
 
@@ -143,6 +151,34 @@ def model_lines(components: dict[str, Any]) -> list[Line]:
         return [Line("diffusion models", ", ".join(heavy), "asked for by guidance")]
     why = "the embedded prior answers; diffusers and transformers are never imported"
     return [Line("diffusion models", "left out", why)]
+
+
+def refined(components: dict[str, Any], prompt: Prompt, accuracy: float | None) -> tuple[dict[str, Any], list[Line]]:
+    """Grid, spline and precision for an accuracy that was asked for."""
+    if accuracy is None:
+        return components, []
+    choice = choose(accuracy, prompt.motion)
+    why = f"an error of {choice.error:.1%} of the size, from the curves for {', '.join(choice.families)} matter"
+    return choice.applied(components), [Line(f"accuracy {accuracy:g}", str(choice), why)]
+
+
+def judged(components: dict[str, Any]) -> dict[str, Any]:
+    """The error estimate, made of the run that it judges."""
+    if "errors" not in components:
+        return {}
+    estimate = components["errors"]
+    scene, film = estimate.scene or components["trajectory"], estimate.film or components["clip"]
+    return {"errors": dataclasses.replace(estimate, scene=scene, film=film)}
+
+
+def error_lines(components: dict[str, Any]) -> list[Line]:
+    if "errors" not in components:
+        return []
+    e = components["errors"]
+    if e.error == "off":
+        return [Line("error estimate", "left out", "report.error=off")]
+    drafts = ["twice the grid spacing", *["half the time step"] * e.time, *["the other precision"] * e.precision]
+    return [Line("error estimate", "kept", f"coarse drafts with {', '.join(drafts)}")]
 
 
 def stage_lines(stages: list[Stage], cached: dict[str, Path], until: str, force: list[str]) -> list[Line]:

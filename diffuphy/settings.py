@@ -14,6 +14,7 @@ RUN = {
     "store": str,
     "until": str,
     "force": str | tuple[str, ...],
+    "accuracy": float | None,
     "checkpoint_seconds": float,
 }
 """Kinds of the settings that belong to no component."""

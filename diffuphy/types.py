@@ -1,4 +1,4 @@
-"""The six results of the pipeline, and the camera that looks at them.
+"""The results of the pipeline, and the camera that looks at them.
 
 A result is a frozen dataclass of tensors and plain data that saves and loads itself: tensors go to
 ``tensors.safetensors``, everything else to ``result.json``; nothing is ever unpickled. One frame of reference
@@ -241,3 +241,37 @@ class Clip(Result):
     """Frames, values in [0, 1], shape (T, H, W, 3)."""
     fps: float
     """Frames per second [1/s]."""
+
+
+@dataclass(frozen=True)
+class Errors(Result):
+    """How wrong a film is, estimated frame by frame; see ``errors.Estimate``."""
+
+    com: Tensor
+    """Error of the centre of mass, shape (T,) [m]."""
+    shape: Tensor
+    """Root mean square error of positions about the centre of mass, shape (T,) [m]."""
+    pixels: Tensor
+    """Root mean square error of where things are seen, shape (T,) [px]."""
+    parts: dict[str, Tensor]
+    """Root mean square differences of positions by cause, each (T,) [m]: ``grid`` (twice the grid spacing and time
+    step), of which ``time`` (half the time step), and ``precision`` (float32 against float64) if asked for."""
+    size: float
+    """Longest side of the object [m]."""
+    fps: float
+    """Frames per second of physical time [1/s]."""
+    order: float = 1.0
+    """Order of convergence that the estimate supposes [-]."""
+    why: str = ""
+    """Why there is no estimate; empty if there is one."""
+
+    @classmethod
+    def missing(cls, frames: int, size: float, fps: float, why: str) -> "Errors":
+        """No estimate: every number is NaN."""
+        none = torch.full((frames,), float("nan"))
+        return cls(none, none.clone(), none.clone(), {}, size, fps, why=why)
+
+    @property
+    def total(self) -> Tensor:
+        """Root mean square error of positions, shape (T,) [m]."""
+        return torch.hypot(self.com, self.shape)

@@ -22,7 +22,7 @@ from diffuphy.types import Clip, Particles, Trajectory
 
 ROOT = Path(__file__).parents[1]
 PROMPT = "a rubber burger falling"
-STAGES = ["prompt", "gaussians", "particles", "material", "trajectory", "clip"]
+STAGES = ["prompt", "gaussians", "particles", "material", "trajectory", "clip", "errors"]
 
 
 @pytest.fixture(autouse=True)
@@ -120,9 +120,10 @@ def test_the_object_falls_as_everything_does(whole_run):
 
 
 def test_the_run_ends_with_its_files_its_times_and_its_command(whole_run):
-    lines = whole_run.output.splitlines()[-6:]
+    lines = whole_run.output.splitlines()[-7:]
     words = dict(line.split(maxsplit=1) for line in lines)
-    assert list(words) == ["gaussians", "film", "sheet", "report", "seconds", "again"]
+    assert list(words) == ["gaussians", "film", "sheet", "report", "error", "seconds", "again"]
+    assert re.fullmatch(r"at most about .* of the centre of mass, .* px; .*", words["error"])
     for kind in ("gaussians", "film", "sheet", "report"):
         assert (ROOT / words[kind]).is_file()
     assert re.fullmatch(r"prompt \d+\.\d, " + ", ".join(rf"{s} \d+\.\d" for s in STAGES[1:]), words["seconds"])
@@ -157,10 +158,7 @@ def test_second_run_computes_nothing_and_changes_nothing(store, capsys):
 def test_a_setting_of_the_scene_leaves_everything_before_it(store, capsys):
     before = contents(store)
     assert film(store, "scene.friction=0.3", "scene.seconds=0.1") == 0
-    assert stages(capsys.readouterr().err) == dict.fromkeys(STAGES[:4], "cached") | {
-        "trajectory": "done",
-        "clip": "done",
-    }
+    assert stages(capsys.readouterr().err) == dict.fromkeys(STAGES[:4], "cached") | dict.fromkeys(STAGES[4:], "done")
     assert contents(store).items() >= before.items()
 
 
@@ -173,12 +171,40 @@ def test_another_motion_keeps_the_object(store, capsys):
 
 
 def test_until_stops_there(store):
-    forget(store, "runs", "particles", "material", "trajectory", "clip")
+    forget(store, "runs", "particles", "material", "trajectory", "clip", "errors")
     assert film(store, "until=particles") == 0
     (run,) = (store / "runs").iterdir()
-    assert sorted(p.name for p in run.glob("[1-6]_*")) == ["1_prompt", "2_gaussians", "3_particles"]
+    assert sorted(p.name for p in run.glob("[1-7]_*")) == ["1_prompt", "2_gaussians", "3_particles"]
     assert sorted(p.name for p in store.iterdir()) == ["gaussians", "particles", "prompt", "runs"]
     assert (run / "gaussians.ply").exists() and not (run / "film.mp4").exists()
+
+
+def test_the_estimate_is_left_out_where_nobody_wants_it(store, capsys):
+    """Not run, not in the report, not among the stages that have a name; the film is the same film."""
+    before = resume.digests(store)
+    assert film(store, "report.error=off") == 0
+    output = capsys.readouterr().err
+    assert "errors" not in stages(output) and "\nerror " not in output
+    assert re.search(r"error estimate +left out +report.error=off", output)
+    (page,) = store.glob("runs/*/report.html")
+    assert "Error and run time" not in page.read_text(encoding="utf-8")
+    assert film(store, "report.error=off", "until=errors") == 2
+    assert "no stage named 'errors'" in capsys.readouterr().err
+    assert resume.digests(store) == before
+
+
+def test_error_is_drawn_in_the_report(whole_run):
+    """Three curves with bands beside the run time, and the sentence on what half of it would take."""
+    text = (whole_run.folder / "report.html").read_text(encoding="utf-8")
+    section = text[text.index("Error and run time") : text.index("Time and memory")]
+    assert section.count('class="band"') == 3 and "16 times the work" in section
+
+
+def test_estimate_costs_less_than_a_third_of_the_rest(whole_run):
+    """Two drafts of a seventh of the particles and half of the substeps, and three quarters of it: a fifth of the
+    trajectory; here against all stages, as the bill is read."""
+    seconds = {s: json.loads((folder(whole_run.store, s) / "meta.json").read_text())["seconds"] for s in STAGES}
+    assert seconds.pop("errors") < 0.3 * sum(seconds.values())
 
 
 def test_a_forced_stage_gives_the_same_bytes(store, capsys):
@@ -241,6 +267,9 @@ def test_ten_kills_at_random_change_nothing():
         (PROMPT, ["+scene.cfl=5"], "cfl must be in (0, 0.8], got 5"),
         (PROMPT, ["scene.seconds=0"], "must be positive"),
         (PROMPT, ["film.width=127"], "must be even"),
+        (PROMPT, ["accuracy=fine"], "accuracy must be a number or null, got 'fine'"),
+        (PROMPT, ["accuracy=2"], "accuracy must be in (0, 1)"),
+        (PROMPT, ["accuracy=1e-6"], "the best that can be promised is accuracy="),
         (PROMPT, ["checkpoint_seconds=soon"], "checkpoint_seconds must be a number"),
     ],
 )

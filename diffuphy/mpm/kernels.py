@@ -1,6 +1,6 @@
 """MPM on the particles, compiled for one variant: particles to grid, grid to particles.
 
-    stress            F = I + H,  (τ_p, Fe_p) = stress(F)
+    stress            F = I + H,  (τ_p, Fe_p − F) = stress(F, H)
     to the grid       m_i = Σ_p w_ip m_p,   q_i = Σ_p w_ip m_p (v_p + C_p d_ip)
                       f_i = k Σ_p [ −V_p τ_p ∇w_ip + w_ip m_p b_p ],   MLS: ∇w_ip → w_ip d_ip / D
     on the grid       see ``nodes``: v⁰_i = q_i/m_i,  v_i = contact(v⁰_i + a*_i)
@@ -22,6 +22,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from diffuphy.material import volume
 from diffuphy.mpm.drive import make_drives
 from diffuphy.mpm.rows import make_around, make_rows
 from diffuphy.mpm.transfer import make_transfer
@@ -107,16 +108,15 @@ def _make_p2g(variant: Variant) -> wp.Kernel:
         w_e_p, w_p_p, theta_p = material_of(w_e, w_p, theta, p)
         F = eye() + He[r]
         if wp.static(memory):
-            tau, Fe, h = stress(F, w_e_p, w_p_p, theta_p, dt, memory_in[r])
+            tau, flow_p, h = stress(F, He[r], w_e_p, w_p_p, theta_p, dt, memory_in[r])
             memory_out[to + p] = h
         else:
-            tau, Fe = stress(F, w_e_p, w_p_p, theta_p, dt)
+            tau, flow_p = stress(F, He[r], w_e_p, w_p_p, theta_p, dt)
         if wp.static(plastic):
-            He_out[p] = He[r] + (Fe - F)  # what does not flow keeps the digits that F rounds away
+            He_out[p] = He[r] + flow_p
         if wp.static(branched):
-            FN = eye() + HN[r]
-            tau_N, Fe_N = branch_stress(FN, theta_p, dt)
-            HN_out[p] = HN[r] + (Fe_N - FN)
+            tau_N, flow_N = branch_stress(eye() + HN[r], HN[r], theta_p, dt)
+            HN_out[p] = HN[r] + flow_N
             tau += tau_N
         m_p = m[p]
         v_p = v[r]
@@ -181,7 +181,7 @@ def _make_g2p(variant: Variant) -> wp.Kernel:
     driven, keeps, turns = len(drives) > 0, variant.scheme.keeps, variant.scheme.retain > 0.0
     drive = make_drives(drives, real)
     drive_t, hold = drive.drive_t, drive.hold
-    sparse = variant.sparse
+    sparse, determinant = variant.sparse, volume.build(real).determinant
 
     @wp.kernel(module="unique", enable_backward=False)
     def g2p(
@@ -245,7 +245,7 @@ def _make_g2p(variant: Variant) -> wp.Kernel:
         L = dt * L
         He_p = He[wp.where(wp.static(plastic), p, r)]
         He_p += L + L * He_p
-        if wp.determinant(eye() + He_p) <= real(0.0):
+        if determinant(eye() + He_p) <= real(0.0):
             wp.atomic_max(status, INVERTED, p + 1)
         if wp.dot(v_p, v_p) * dt * dt > dx * dx:
             wp.atomic_max(status, FAST, p + 1)

@@ -23,7 +23,7 @@ STYLE = """
 :root {
   --paper: #fbfaf7; --card: #ffffff; --ink: #1d1c1a; --soft: #66625a; --line: #e4e0d8; --accent: #b4531f;
   --warn: #fff4e0; --warn-line: #e0a030;
-  --s0: #4477aa; --s1: #ee8866; --s2: #228833; --s3: #ccbb44; --s4: #66ccee; --s5: #aa3377;
+  --s0: #4477aa; --s1: #ee8866; --s2: #228833; --s3: #ccbb44; --s4: #66ccee; --s5: #aa3377; --s6: #999999;
 }
 @media (prefers-color-scheme: dark) {
   :root {
@@ -52,6 +52,7 @@ figcaption { margin-top: .45rem; color: var(--soft); font-size: .82rem; line-hei
 .numbers dt { color: var(--soft); font-size: .8rem; overflow-wrap: anywhere; }
 .numbers dd { margin: .1rem 0 0; font-size: 1.45rem; font-weight: 600; font-variant-numeric: tabular-nums; line-height: 1.3; }
 .numbers dd.note { color: var(--soft); font-size: .78rem; font-weight: 400; line-height: 1.4; }
+.numbers + .plots { margin-top: 1rem; }
 sup { font-size: .65em; line-height: 0; }
 
 .tiles { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(11rem, 100%), 1fr)); gap: 1rem; }
@@ -68,6 +69,8 @@ svg .value { fill: var(--accent); font-size: 13px; font-weight: 600; }
 svg .grid { stroke: var(--line); stroke-width: 1; }
 svg .curve { fill: none; stroke: var(--accent); stroke-width: 1.8; stroke-linejoin: round; }
 svg .dot { fill: var(--accent); }
+svg .band { fill: var(--accent); opacity: .16; }
+.says { max-width: 46rem; margin: 1rem 0 0; }
 
 .scroll { overflow-x: auto; }
 table { width: 100%; border-collapse: collapse; font-size: .9rem; font-variant-numeric: tabular-nums; }
@@ -82,7 +85,7 @@ tfoot td { border-top: 2px solid var(--line); font-weight: 600; }
 .bar span { flex-basis: 0; min-width: 0; }
 .key { display: inline-block; width: .7em; height: .7em; margin-right: .5em; border-radius: .2em; }
 .s0 { background: var(--s0); } .s1 { background: var(--s1); } .s2 { background: var(--s2); }
-.s3 { background: var(--s3); } .s4 { background: var(--s4); } .s5 { background: var(--s5); }
+.s3 { background: var(--s3); } .s4 { background: var(--s4); } .s5 { background: var(--s5); } .s6 { background: var(--s6); }
 
 aside { margin-bottom: 1.75rem; padding: .8rem 1.1rem; background: var(--warn); border-left: 4px solid var(--warn-line); border-radius: .4rem; }
 aside ul { margin: .2rem 0 0; padding-left: 1.1rem; }

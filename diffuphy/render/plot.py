@@ -14,23 +14,32 @@ MOST_POINTS = 600
 """Points drawn of one curve; of more, the least and the greatest of every stretch, so no spike is lost."""
 
 
-def line_plot(name: str, points: Sequence[tuple[float, float]]) -> str:
-    """One curve with its axes; the value axis is logarithmic where the values ask for it.
+def line_plot(
+    name: str,
+    points: Sequence[tuple[float, float]],
+    *,
+    band: Sequence[tuple[float, float, float]] = (),
+    axis: str = "step",
+) -> str:
+    """One curve with its axes; the value axis is logarithmic where the values ask for it, and linear with a band.
 
     Values that are not finite leave a gap, and the plot says how many there are.
 
     Args:
         name: what is plotted.
         points: (step, value) in order of steps, at least one.
+        band: (step, lower, upper) in order of steps, all finite: shaded behind the curve.
+        axis: what a step is.
     """
     if not points:
         raise ValueError(f"curve {name!r} has no points; leave it out")
     finite = [(float(s), float(v)) for s, v in points if math.isfinite(v)]
     missing = len(points) - len(finite)
     if not finite:
-        return _frame(name, f"{name}: none of {missing} values is finite", "", f"none of {missing} values is finite")
-    values = [v for _, v in finite]
-    log = min(values) > 0 and math.log10(max(values) / min(values)) > DECADES
+        none = f"none of {missing} values is finite"
+        return _frame(name, f"{name}: {none}", "", none, axis)
+    values = [v for _, v in finite] + [v for _, *ends in band for v in ends]
+    log = not band and min(values) > 0 and math.log10(max(values) / min(values)) > DECADES
     y_ticks = log_ticks(min(values), max(values)) if log else ticks(min(values), max(values))
     x_ticks = ticks(float(points[0][0]), float(points[-1][0]), 6)
     scale = math.log10 if log else float
@@ -53,6 +62,9 @@ def line_plot(name: str, points: Sequence[tuple[float, float]]) -> str:
         for t in x_ticks
         if x_lo <= t <= x_hi
     ]
+    if band:
+        edge = [(s, hi) for s, _, hi in band] + [(s, lo) for s, lo, _ in reversed(band)]
+        parts.append(f'<polygon class="band" points="{" ".join(f"{px(s):.1f},{py(v):.1f}" for s, v in edge)}"/>')
     for run in _runs(points):
         run = thin(run)
         if len(run) == 1:
@@ -62,17 +74,18 @@ def line_plot(name: str, points: Sequence[tuple[float, float]]) -> str:
     last = finite[-1]
     parts.append(f'<circle class="dot" cx="{px(last[0]):.1f}" cy="{py(last[1]):.1f}" r="3.5"/>')
     gap = f", {missing} not finite" if missing else ""
-    ends = " to ".join(f"{v:.4g} at step {s:g}" for s, v in (finite[0], last))
-    return _frame(name, f"{name}: from {ends}, least {min(values):.4g}{gap}", "".join(parts), f"{last[1]:.4g}{gap}")
+    ends = " to ".join(f"{v:.4g} at {axis} {s:g}" for s, v in (finite[0], last))
+    least = min(v for _, v in finite)
+    return _frame(name, f"{name}: from {ends}, least {least:.4g}{gap}", "".join(parts), f"{last[1]:.4g}{gap}", axis)
 
 
-def _frame(name: str, words: str, content: str, value: str) -> str:
+def _frame(name: str, words: str, content: str, value: str, axis: str) -> str:
     words = html.escape(words)
     return (
         f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{words}"><title>{words}</title>'
         f'<text class="name" x="{LEFT}" y="18">{html.escape(name)}</text>'
         f'<text class="value" x="{WIDTH - RIGHT}" y="18" text-anchor="end">{html.escape(value)}</text>{content}'
-        f'<text x="{WIDTH - RIGHT}" y="{HEIGHT - 3}" text-anchor="end">step</text></svg>'
+        f'<text x="{WIDTH - RIGHT}" y="{HEIGHT - 3}" text-anchor="end">{html.escape(axis)}</text></svg>'
     )
 
 

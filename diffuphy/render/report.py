@@ -22,8 +22,21 @@ from diffuphy.render.plot import line_plot
 FILM_TYPES = {".mp4": "video/mp4", ".webm": "video/webm", ".gif": "image/gif"}
 """Films a browser plays, by suffix."""
 
-COLORS = 6
-"""Colours of the time bar, classes s0 to s5 of the style."""
+COLORS = 7
+"""Colours of the time bar, classes s0 to s6 of the style."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """Numbers, curves with bands and sentences under one title."""
+
+    title: str
+    numbers: Sequence[tuple[str, Any, str]] = ()
+    """(name, value, what it means)."""
+    curves: Sequence[tuple[str, Sequence[tuple[float, float]], Sequence[tuple[float, float, float]]]] = ()
+    """(name, (time, value), (time, lower, upper)), times in seconds."""
+    words: Sequence[str] = ()
+    """Sentences."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +67,7 @@ class Report:
         stages: Sequence[Mapping[str, Any]] = (),
         numbers: Sequence[tuple[str, Any, str]] = (),
         warnings: Sequence[str] = (),
+        sections: Sequence[Section] = (),
     ) -> Path:
         """Write the page; what is empty has no section.
 
@@ -70,6 +84,7 @@ class Report:
             stages: one row a stage, its name first; the keys are the columns, ``seconds`` also make a bar.
             numbers: (name, value, what it means).
             warnings: sentences a reader must see.
+            sections: what else there is to say, before time and memory.
 
         Returns:
             ``path``.
@@ -86,6 +101,7 @@ class Report:
             _section("What it is made of", self._gallery(maps, "tiles large")),
             _section("Curves", _curves(curves or {})),
             _section("The plan", _table(("what", "decision", "why"), plan, "plan")),
+            *map(_own, sections),
             _section("Time and memory", _stages(stages)),
             _section("Settings", _settings(settings)),
         ]
@@ -201,13 +217,27 @@ def _hero(film: Path | None, title: str, numbers: Sequence[tuple[str, Any, str]]
             name = f'aria-label="Film: {_text(title)}"'
             left = f'<video src="{source}" {name} controls autoplay loop muted playsinline></video>'
         left = f'<div class="film">{left}</div>'
+    right = _numbers(numbers)
+    return f'<div class="hero">{left}{right}</div>' if left or right else ""
+
+
+def _numbers(numbers: Sequence[tuple[str, Any, str]]) -> str:
     rows = "".join(
         f"<div><dt>{_text(name.replace('_', ' '))}</dt><dd>{_number(value)}</dd>"
         f'<dd class="note">{_text(note)}</dd></div>'
         for name, value, note in numbers
     )
-    right = f'<dl class="numbers">{rows}</dl>' if rows else ""
-    return f'<div class="hero">{left}{right}</div>' if left or right else ""
+    return f'<dl class="numbers">{rows}</dl>' if rows else ""
+
+
+def _own(section: Section) -> str:
+    plots = "".join(
+        f"<figure>{line_plot(name, points, band=band, axis='time [s]')}</figure>"
+        for name, points, band in section.curves
+    )
+    plots = f'<div class="plots">{plots}</div>' if plots else ""
+    words = "".join(f'<p class="says">{_text(sentence)}</p>' for sentence in section.words)
+    return _section(_text(section.title), _numbers(section.numbers) + plots + words)
 
 
 def _curves(curves: Mapping[str, Sequence[tuple[float, float]]]) -> str:
