@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from diffuphy.mpm import FrameReport, Grid, HalfSpace, Scene, Solver, Span, State, backward_bytes, rollout, simulate
+from diffuphy.mpm.clock import STABLE
 from diffuphy.mpm.rollout import ROOM, _left_first
 from diffuphy.mpm.solver import segment_of, state_bytes
 from diffuphy.types import SimulationDiverged
@@ -104,7 +105,7 @@ def test_an_unstable_step_is_refused_with_the_number_that_would_do(factor):
     with pytest.raises(ValueError, match="dt = 1 s is unstable"):
         rollout(dataclasses.replace(FREE, fps=1.0), x, vol, f, frames=1, dt=1.0)
     c = (1e5 * 0.7 / (1.3 * 0.4) / 1000.0) ** 0.5  # √((λ + 2μ)/ρ), ν = 0.3
-    limit = 0.8 * DX / c
+    limit = STABLE * DX / c
     slow = dataclasses.replace(FREE, fps=1.0 / (500 * limit))  # a frame is longer than any of the steps
     with pytest.raises(ValueError, match="is unstable") as refused:
         rollout(slow, x, vol, f, frames=1, dt=factor * limit)
