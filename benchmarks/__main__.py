@@ -31,19 +31,22 @@ QUICK = {
         "{out}",
     ),
     "gaussians": ("--objects", "burger", "--steps", "20", "--out", "{out}"),
+    "gradients": ("--quick", "--out", "{out}"),
     "identify": ("stiffness", "--steps", "1", "--out", "{out}"),
     "library_sheet": ("burger", "duck", "--out", "{out}/library.png"),
     "peers": ("--particles", "2000", "--repeat", "2", "--out", "{out}"),
     "resume": ("--kills", "1"),
     "speed": ("--quick",),
+    "stability": ("--quick", "--jobs", "1", "--out", "{out}"),
     "verification": ("--tier", "0", "--out", "{out}"),
+    "work_precision": ("--quick", "--out", "{out}"),
 }
 """Options under which each script takes about a minute; ``{out}`` is a folder that is thrown away."""
 
 
 def scripts() -> dict[str, str]:
     """First sentence of every benchmark, a file or a folder, by name."""
-    found = {p.stem: p for p in HERE.glob("*.py") if not p.stem.startswith("__")}
+    found = {p.stem: p for p in HERE.glob("*.py") if not p.stem.startswith("_")}
     found |= {p.parent.name: p for p in HERE.glob("*/__init__.py")}
     return {name: docstring(found[name]).splitlines()[0] for name in sorted(found)}
 

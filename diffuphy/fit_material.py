@@ -38,7 +38,7 @@ log = logging.getLogger(__name__)
 class FitMaterial:
     """Settings of the material stage."""
 
-    VERSION: ClassVar[int] = 3
+    VERSION: ClassVar[int] = 4
 
     guidance: Any
     """Video prior (``losses.guidance``); the analytic one is given the probe's reference clips."""

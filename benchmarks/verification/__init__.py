@@ -13,11 +13,13 @@ from benchmarks.verification import (
     free,
     friction,
     gradients,
+    heaps,
     impact,
     invariance,
     laws,
     manufactured,
     points,
+    timestep,
     waves,
 )
 from benchmarks.verification.case import CASES, SETTINGS, Case, Check, Setting
@@ -25,5 +27,5 @@ from benchmarks.verification.report import main
 
 __all__ = [
     "CASES", "SETTINGS", "Case", "Check", "Setting", "adjoints", "contracts", "extremes", "flows", "free", "friction",
-    "gradients", "impact", "invariance", "laws", "main", "manufactured", "points", "waves",
+    "gradients", "heaps", "impact", "invariance", "laws", "main", "manufactured", "points", "timestep", "waves",
 ]  # fmt: skip

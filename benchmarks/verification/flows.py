@@ -153,11 +153,12 @@ def dam(s: Setting) -> list[Check]:
 
 
 @lru_cache
-def run_out(s: Setting, cfl: float) -> tuple[float, float]:
-    """(L∞ − L0)/L0 and H∞/L0 of a column of sand, a = 1, ten cells wide, in plane strain."""
+def collapsed(s: Setting, cfl: float, angle: float = 31.0) -> tuple[State, float]:
+    """A column of sand, 0.1 m wide and high, ten cells of 1 cm, in plane strain on a sticky floor, after 6 √(H/g); and
+    the run-out (L∞ − L0)/L0. ``angle`` of friction [deg]."""
     L0, n, g = 0.1, 10, 9.81
     dx = L0 / n
-    theta = {"friction_angle": 31.0, "cohesion": 0.0}
+    theta = {"friction_angle": angle, "cohesion": 0.0}
     body = block((n, 2, n), dx, E=1e6, rho=1500.0, elastic="hencky", plastic="drucker_prager_plane_strain", theta=theta)
     T, frames = 6 * math.sqrt(L0 / g), 20
     per = math.ceil(T / frames / (cfl * dx / body.c))
@@ -168,8 +169,13 @@ def run_out(s: Setting, cfl: float) -> tuple[float, float]:
     scene = {"dx": dx, "gravity": (0.0, 0.0, -g), "boundaries": walls}
     end = run(s, body, T / frames / per, per, frames, scene=scene)[-1]
     # all but the last few grains: those that jumped ahead are no front
-    front = float(end.x[:, 0].sort().values[-len(end.x) // 200])
-    return front / L0 - 1, float(end.x[:, 2].max()) / L0
+    return end, float(end.x[:, 0].sort().values[-len(end.x) // 200]) / L0 - 1
+
+
+def run_out(s: Setting, cfl: float) -> tuple[float, float]:
+    """(L∞ − L0)/L0 and H∞/L0 of a column of sand, a = 1, φ = 31°."""
+    end, way = collapsed(s, cfl)
+    return way, float(end.x[:, 2].max()) / 0.1
 
 
 @case("C7", "Column of sand", tier=1, schemes=("default",))

@@ -1,4 +1,4 @@
-"""B1, B4: manufactured solutions: the body force that makes a chosen motion exact is applied, the error measured.
+"""B1, B4, B5: manufactured solutions: the body force that makes a chosen motion exact is applied, the error measured.
 
     b = u_tt − (1/ρ) Div P,    (Div P)_i = Σ_j,k,l ∂P_ij/∂F_kl u_k,lj
 
@@ -176,3 +176,87 @@ def walled(s: Setting) -> list[Check]:
         at_most(f"rms error of u/A, {n} cells", v, limit) for n, v, limit in zip((8, 16, 32), e, limits, strict=True)
     ]
     return [*checks, at_least("order of u, 8 to 32 cells", order(e[0], e[2]) / 2, 0.5)]
+
+
+RING = (0.75, 1.25)
+"""Inner and outer radius of the vortex [m]."""
+
+
+class Vortex:
+    """Every circle of a ring turns by α = A g(t) f(R), f = 1 − 32 (R − 1)² + 256 (R − 1)⁴, g = sin πt: both edges stay.
+
+    F = Q (I + s e_θ e_Rᵀ), s = R ∂α/∂R, hence J = 1 and, neo-Hookean, τ = μ (FFᵀ − I): in the turned axes τ_Rθ = μ s,
+    τ_θθ = μ s², no other part, so that faces along z carry no traction either. With ∇·τ in polar coordinates
+
+        b_R = −R α_t² + μ s²/(ρ R),   b_θ = R α_tt − (μ/ρ) A g (3 f' + R f'').
+    """
+
+    def __init__(self, body: Body, A: float):
+        self.A, self.stiff, self.z = A, body.lame[1] / body.rho, body.x[:, 2:]
+        self.R = R = body.x[:, :2].norm(dim=1, keepdim=True)
+        q, none = R - 1, torch.zeros_like(R)
+        self.f, self.df, self.ddf = 1 - 32 * q**2 + 256 * q**4, -64 * q + 1024 * q**3, -64 + 3072 * q**2
+        self.out = torch.cat([body.x[:, :2] / R, none], 1)
+        self.along = torch.cat([-self.out[:, 1:2], self.out[:, :1], none], 1)
+
+    def axes(self, t: float) -> tuple[Tensor, Tensor]:
+        """e_R and e_θ where the particles are at a time, shape (N, 3)."""
+        a = self.A * math.sin(math.pi * t) * self.f
+        return a.cos() * self.out + a.sin() * self.along, a.cos() * self.along - a.sin() * self.out
+
+    def x(self, t: float) -> Tensor:
+        """Positions, shape (N, 3) [m]."""
+        return torch.cat([self.R * self.axes(t)[0][:, :2], self.z], 1)
+
+    def velocity(self) -> tuple[Tensor, Tensor]:
+        """v [m/s] and ∇v [1/s] at t = 0."""
+        turn = torch.zeros(3, 3, dtype=self.R.dtype)
+        turn[0, 1], turn[1, 0] = -1.0, 1.0
+        rate, slope = math.pi * self.A * self.f, math.pi * self.A * self.df * self.R
+        grad = rate[:, :, None] * turn + slope[:, :, None] * self.along[:, :, None] * self.out[:, None, :]
+        return rate * self.R * self.along, grad
+
+    def force(self, t: float) -> Tensor:
+        """b, shape (N, 3) [m/s²]."""
+        g, rate = self.A * math.sin(math.pi * t), self.A * math.pi * math.cos(math.pi * t)
+        s = self.R * g * self.df
+        inward = self.stiff * s * s / self.R - self.R * (rate * self.f) ** 2
+        along = -self.R * math.pi**2 * g * self.f - self.stiff * g * (3 * self.df + self.R * self.ddf)
+        e_R, e_t = self.axes(t)
+        return inward * e_R + along * e_t
+
+
+@lru_cache
+def vortex_errors(s: Setting, n: int, A: float = 0.25) -> tuple[float, float]:
+    """rms errors of x over A [m] at t = ¼ s and at ½ s; ``n`` cells across the ring, two thick."""
+    dx = (RING[1] - RING[0]) / n
+    side = math.ceil(RING[1] / dx)
+    square = block((2 * side, 2 * side, 2), dx, (-side * dx, -side * dx, 0.0), E=1e3)
+    R = square.x[:, :2].norm(dim=1)
+    inside = (RING[0] < R) & (R < RING[1])
+    body = Body(square.x[inside], square.vol[inside], E=1e3)
+    exact = Vortex(body, A)
+    v, C = exact.velocity()
+    per = math.ceil(0.25 / (0.3 * dx / (body.c + math.pi * A)))
+    start = at_rest(s, body, v=v, C=C)
+    _, quarter, half = run(s, body, 0.25 / per, per, 2, scene={"dx": dx}, state=start, body=exact.force)
+    return tuple(float((a.x - exact.x(a.time)).norm(dim=1).square().mean().sqrt()) / A for a in (quarter, half))  # type: ignore[return-value]
+
+
+@case("B5", "Generalised vortex", tier=1)
+def vortex(s: Setting) -> list[Check]:
+    """x = Q(α(R, t)) X, α = A sin πt (1 − 32 (R − 1)² + 256 (R − 1)⁴) in a ring, under the b that makes it exact.
+
+    Kamojjala et al., Eng. with Computers 31 (2015). Rotation, shear and no change of volume: a stress or an update of F
+    that is not objective, or of another configuration, does not converge. A = ¼: s = 1.2 at t = ¼ s and 1.7 at ½ s.
+    With A = 1, s = 7, neighbours are 3.5 cells apart and the sheet tears. Order one to two until the quadrature error
+    of a lattice that the grid shears (A6: some 5e-2 of the stress at |τ|/μ ~ s) rules; it drives what the grid cannot
+    see, which the default keeps longer: at s = 1.7 that is held to 10 % of A.
+    """
+    coarse, fine = vortex_errors(s, 8), vortex_errors(s, 16)
+    return [
+        at_most("rms error of x/A at s = 1.2, 16 cells", fine[0], 0.01),
+        within("order of x, 8 to 16 cells", order(coarse[0], fine[0]), 1.0, 3.0),
+        at_most("rms error of x/A at s = 1.7, 8 cells", coarse[1], 0.1),
+        at_most("rms error of x/A at s = 1.7, 16 cells", fine[1], 0.1),
+    ]

@@ -59,8 +59,8 @@ MUTATIONS = (
     ),
     Mutation(
         "bulk modulus where λ belongs", "material/elastic/neo_hookean.py",
-        "p = lam * wp.log(wp.determinant(F)) - mu",
-        "p = (lam + real(2.0 / 3.0) * mu) * wp.log(wp.determinant(F)) - mu",
+        "p = lam * log_J",
+        "p = (lam + real(2.0 / 3.0) * mu) * log_J",
         ("A7",),
     ),
     Mutation(
@@ -102,7 +102,7 @@ MUTATIONS = (
     ),
     Mutation(
         "adjoint of the stretches without that of their frame", "material/principal.py",
-        "g = vec3(d[0] * G[1, 2]", "g = real(0.0) * vec3(d[0] * G[1, 2]", ("E2",),
+        "g = vec3(q[0] * G[1, 2]", "g = real(0.0) * vec3(q[0] * G[1, 2]", ("E2",),
     ),
     Mutation(
         "adjoint that divides by differences of stretches", "material/elastic/hencky.py", "if y < real(1e-3):",

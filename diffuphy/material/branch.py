@@ -30,14 +30,14 @@ BULK_RELAXATION = Param("bulk_relaxation", "-", 0.0, 1.0, log=False, default=0.0
 
 @dataclass(frozen=True)
 class BranchFunctions:
-    """Warp functions of one branch; F_N: its trial deformation."""
+    """Warp functions of one branch; F_N, H_N = F_N − I: its trial deformation."""
 
     stress: Any
-    """(F_N, θ, dt) → (τ_N [Pa], Fe_N)."""
+    """(F_N, H_N, θ, dt) → (τ_N [Pa], Fe_N − F_N)."""
     stress_adjoint: Any
-    """(F_N, θ, dt, τ̄, F̄e_N) → (F̄_N, θ̄)."""
+    """(F_N, H_N, θ, dt, τ̄, F̄e_N) → (F̄_N, θ̄)."""
     energy: Any
-    """(Fe_N, θ) → ψ_N [Pa]."""
+    """(Fe_N, He_N, θ) → ψ_N [Pa]."""
     stiffness: Any
     """θ → ρ_0 c² [Pa] of the branch at rest."""
 
@@ -84,18 +84,18 @@ def build_maxwell(layout: Layout) -> BranchFunctions:
     energy_w = principal.energy(own, total, w_t)
 
     @wp.func(module="unique")
-    def branch_stress(F_N: mat33, theta: theta_t, dt: real):
-        tau, Fe = stress_w(F_N, w_t(), w_t(), theta, dt)
-        return tau, Fe
+    def branch_stress(F_N: mat33, H_N: mat33, theta: theta_t, dt: real):
+        tau, flow_N = stress_w(F_N, H_N, w_t(), w_t(), theta, dt)
+        return tau, flow_N
 
     @wp.func(module="unique")
-    def branch_stress_adjoint(F_N: mat33, theta: theta_t, dt: real, tau_bar: mat33, Fe_bar: mat33):
-        F_bar, _w_e, _w_p, theta_bar = adjoint_w(F_N, w_t(), w_t(), theta, dt, tau_bar, Fe_bar)
+    def branch_stress_adjoint(F_N: mat33, H_N: mat33, theta: theta_t, dt: real, tau_bar: mat33, Fe_bar: mat33):
+        F_bar, _w_e, _w_p, theta_bar = adjoint_w(F_N, H_N, w_t(), w_t(), theta, dt, tau_bar, Fe_bar)
         return F_bar, theta_bar
 
     @wp.func(module="unique")
-    def branch_energy(Fe_N: mat33, theta: theta_t) -> real:
-        return energy_w(Fe_N, w_t(), theta)
+    def branch_energy(Fe_N: mat33, He_N: mat33, theta: theta_t) -> real:
+        return energy_w(Fe_N, He_N, w_t(), theta)
 
     @wp.func(module="unique")
     def stiffness(theta: theta_t) -> real:

@@ -42,11 +42,14 @@ def sparsemax(logits: Tensor) -> Tensor:
         w = argmin_{w ∈ Δ} |w − z|² = max(z − τ, 0),   Σ w = 1
 
     Martins & Astudillo (2016), algorithm 1. The gradient is exact: J = diag(s) − s sᵀ/|s|, s the indicator of w > 0;
-    so logits that lead by 1 or more have none.
+    so logits that lead by 1 or more have none. Half precision is computed in float32 and rounded: its own sums would
+    not find the support.
 
     Args:
         logits: shape (..., K).
     """
+    if logits.dtype in (torch.float16, torch.bfloat16):
+        return sparsemax(logits.float()).to(logits.dtype)
     z = logits.sort(-1, descending=True).values
     excess = z.cumsum(-1) - 1
     k = torch.arange(1, z.shape[-1] + 1, device=z.device)

@@ -92,20 +92,24 @@ class Layout:
 
 @dataclass(frozen=True)
 class ElasticFunctions:
-    """Warp functions of one elastic law; s, e: principal stretches and their logarithms; θ as laid out."""
+    """Warp functions of one elastic law, each to the digits of the strain however small that is.
+
+    s, d, e: principal stretches, d_i = s_i − 1 and e_i = ln s_i, which have digits that s has not; F, H = F − I
+    likewise; θ as laid out.
+    """
 
     energy: Any
-    """(s, e, θ) → ψ [Pa], energy per unit rest volume."""
+    """(s, d, e, θ) → ψ [Pa], energy per unit rest volume."""
     stress: Any
-    """(s, e, θ) → T (3,) [Pa], principal Kirchhoff stresses T_i = ∂ψ/∂e_i."""
+    """(s, d, e, θ) → T (3,) [Pa], principal Kirchhoff stresses T_i = ∂ψ/∂e_i."""
     stress_adjoint: Any
-    """(s, e, θ, T̄) → (ē, θ̄) with ē_j = Σ_i T̄_i ∂T_i/∂e_j."""
+    """(s, d, e, θ, T̄) → (ē, θ̄) with ē_j = Σ_i T̄_i ∂T_i/∂e_j."""
     slope: Any
-    """(s, e, θ) → (d_12, d_20, d_01), divided differences d_ij = (T_i − T_j)/(s_i − s_j), smooth at s_i = s_j."""
+    """(s, d, e, θ) → (d_12, d_20, d_01), divided differences d_ij = (T_i − T_j)/(s_i − s_j), smooth at s_i = s_j."""
     direct: Any = None
-    """(F, θ) → τ (3, 3) [Pa] without a decomposition; None if the law has no such form."""
+    """(F, H, θ) → τ (3, 3) [Pa] without a decomposition; None if the law has no such form."""
     direct_adjoint: Any = None
-    """(F, θ, τ̄) → (F̄, θ̄); τ̄ need not be symmetric."""
+    """(F, H, θ, τ̄) → (F̄, θ̄); τ̄ need not be symmetric."""
 
 
 @dataclass(frozen=True)

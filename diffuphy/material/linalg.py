@@ -1,13 +1,17 @@
 """Principal frames of a 3 × 3 matrix, accurate to a few ulp, without an iteration of unknown length.
 
-F = U S Vᵀ is found as B = F V with orthogonal columns b_i = s_i u_i:
+A deformation is given twice, as F and as H = F − I: H holds the digits of small strains that F rounds away, F those of
+small stretches that H rounds away. F = U S Vᵀ is found as B = F V with orthogonal columns b_i = s_i u_i:
 
-1. The eigenvalue of C = FᵀF that lies farthest from the other two is a root β of β³ − 3β − 2h = 0 in [√3, 2], where
-   the cubic is well conditioned: a fitted polynomial and one or two Newton steps give it to machine precision.
-2. Its eigenvector is a column of the adjugate of C − βI, which is well conditioned for the same reason.
-3. V = (that vector, any orthonormal complement); three one-sided Jacobi rotations of the columns of B = F V then remove
-   the rounding of step 2 and split the complement. Working on B, never on C, keeps small stretches to full relative
-   accuracy (Demmel & Veselić, SIAM J. Matrix Anal. Appl. 13 (1992)).
+1. The eigenvalue of E = FᵀF − I = H + Hᵀ + HᵀH that lies farthest from the other two is a root β of β³ − 3β − 2h = 0
+   in [√3, 2], where the cubic is well conditioned: a fitted polynomial and one or two Newton steps give it to machine
+   precision.
+2. Its eigenvector is a column of the adjugate of E − βI, which is well conditioned for the same reason.
+3. V = (that vector, any orthonormal complement). Where |E| < ½ one Jacobi rotation of E splits the complement, and
+   its eigenvalues λ_i give s_i = √(1 + λ_i), s_i − 1 = λ_i/(1 + s_i) and e_i = ½ ln(1 + λ_i), all to the digits of E.
+   Elsewhere three one-sided Jacobi rotations of the columns of B = F V split it and remove the rounding of step 2.
+   Working on B, never on FᵀF, keeps small stretches to full relative accuracy (Demmel & Veselić, SIAM J. Matrix Anal.
+   Appl. 13 (1992)).
 """
 
 from dataclasses import dataclass
@@ -16,25 +20,33 @@ from typing import Any
 
 import warp as wp
 
+from . import near_one
+
 # Cubic fit of 2 cos(arccos(h)/3) on [0, 1] at Chebyshev nodes, largest error 8.2e-5, so that Newton's method, whose
 # error obeys ε ← 0.9 ε², needs one step to reach float32 and two to reach float64.
 ROOT = (1.73213266, 0.3306607, -0.08138239, 0.01863937)
+
+NEAR = 0.25
+"""|FᵀF − I|² and |F − I|² below which the digits of these are used: no stretch is below ½ there."""
 
 
 @dataclass(frozen=True)
 class LinalgFunctions:
     """Warp functions of one precision."""
 
-    decompose: Any
-    """F → (B, V, s2): B = F V with orthogonal columns, V orthonormal columns, s2_i = |b_i|²."""
     principal: Any
-    """F → (B, V, s, e): the same with principal stretches s_i > 0, e_i = ln s_i; NaN where det F ≤ 0, to rounding."""
+    """(F, H) → (B, V, s, d, e): B = F V with orthogonal columns, V orthonormal columns, principal stretches s_i > 0,
+    d_i = s_i − 1, e_i = ln s_i; NaN where det F ≤ 0, to rounding."""
+    eye: Any
+    """() → I."""
+    gram: Any
+    """A → AᵀA."""
+    strain: Any
+    """H → FᵀF − I = H + Hᵀ + HᵀH, twice the strain of Green; with Hᵀ it is FFᵀ − I."""
     polar: Any
     """F → R, the rotation nearest to F, for det F > 0."""
     cofactor: Any
     """F → cof F = det(F) F⁻ᵀ = ∂ det F/∂F."""
-    valid: Any
-    """F → bool, finite and det F > 0."""
 
 
 @cache
@@ -50,7 +62,9 @@ def build(real: Any) -> LinalgFunctions:
     flat = real(
         2**-23 if real is wp.float32 else 2**-52
     )  # a stretch below one ulp of the largest may be zero or negative
-    tiny = real(1e-30 if real is wp.float32 else 1e-290)
+    tiny = real(1e-37 if real is wp.float32 else 1e-290)
+    near = real(NEAR)
+    log1p = near_one.build(real).log1p
 
     @wp.func(module="unique")
     def far_root(h: real) -> real:
@@ -62,9 +76,26 @@ def build(real: Any) -> LinalgFunctions:
         return x
 
     @wp.func(module="unique")
-    def far_vector(F: mat33) -> vec3:
-        """Unit eigenvector of FᵀF whose eigenvalue lies farthest from the other two."""
-        C = wp.transpose(F) * F
+    def eye():
+        return wp.diag(vec3(real(1.0), real(1.0), real(1.0)))
+
+    @wp.func(module="unique")
+    def gram(A: mat33) -> mat33:
+        a = vec3(A[0, 0], A[1, 0], A[2, 0])
+        b = vec3(A[0, 1], A[1, 1], A[2, 1])
+        c = vec3(A[0, 2], A[1, 2], A[2, 2])
+        d = wp.dot(b, c)
+        e = wp.dot(a, c)
+        f = wp.dot(a, b)
+        return mat33(wp.dot(a, a), f, e, f, wp.dot(b, b), d, e, d, wp.dot(c, c))
+
+    @wp.func(module="unique")
+    def strain(H: mat33) -> mat33:
+        return H + wp.transpose(H) + gram(H)
+
+    @wp.func(module="unique")
+    def far_vector(C: mat33) -> vec3:
+        """Unit eigenvector of a symmetric matrix whose eigenvalue lies farthest from the other two."""
         q = (C[0, 0] + C[1, 1] + C[2, 2]) / real(3.0)
         a = C[0, 0] - q
         b = C[1, 1] - q
@@ -99,13 +130,13 @@ def build(real: Any) -> LinalgFunctions:
 
     @wp.func(module="unique")
     def rotation(aa: real, bb: real, ab: real):
-        """Cosine and sine of the Jacobi rotation that makes two columns with these products orthogonal."""
+        """Cosine, sine and tangent of the Jacobi rotation that makes two columns with these products orthogonal."""
         d = bb - aa
         ab2 = ab + ab
         t = ab2 / (wp.abs(d) + wp.sqrt(d * d + ab2 * ab2) + tiny)
         t = wp.where(d < real(0.0), -t, t)
         c = real(1.0) / wp.sqrt(real(1.0) + t * t)
-        return c, t * c
+        return c, t * c, t
 
     @wp.func(module="unique")
     def turned(a: vec3, b: vec3, c: real, s: real):
@@ -117,35 +148,37 @@ def build(real: Any) -> LinalgFunctions:
         return ab * ab <= slack * (wp.dot(a, a) * wp.dot(b, b))
 
     @wp.func(module="unique")
-    def decompose(F: mat33):
-        v0 = far_vector(F)
-        # orthonormal complement (Duff et al., JCGT 6 (2017))
-        g = wp.where(v0[2] < real(0.0), real(-1.0), real(1.0))
-        a = real(-1.0) / (g + v0[2])
-        b = v0[0] * v0[1] * a
-        y1 = vec3(real(1.0) + g * v0[0] * v0[0] * a, g * b, -g * v0[0])
-        y2 = vec3(b, g + v0[1] * v0[1] * a, -v0[1])
+    def complement(v: vec3):
+        """Two unit vectors that make a right-handed frame with this one (Duff et al., JCGT 6 (2017))."""
+        g = wp.where(v[2] < real(0.0), real(-1.0), real(1.0))
+        a = real(-1.0) / (g + v[2])
+        b = v[0] * v[1] * a
+        return vec3(real(1.0) + g * v[0] * v[0] * a, g * b, -g * v[0]), vec3(b, g + v[1] * v[1] * a, -v[1])
+
+    @wp.func(module="unique")
+    def decompose(F: mat33, v0: vec3, y1: vec3, y2: vec3):
+        """(B, V, |b_i|²) from a first frame whose first column is nearly right."""
         b0 = F * v0
         x1 = F * y1
         x2 = F * y2
         # the close pair first, by any angle
-        c, s = rotation(wp.dot(x1, x1), wp.dot(x2, x2), wp.dot(x1, x2))
+        c, s, _t = rotation(wp.dot(x1, x1), wp.dot(x2, x2), wp.dot(x1, x2))
         b1, b2 = turned(x1, x2, c, s)
         v1, v2 = turned(y1, y2, c, s)
         # then one sweep against what rounding left; seldom needed below a condition number of 10
         ab = wp.dot(b0, b1)
         if not orthogonal(b0, b1, ab):
-            c, s = rotation(wp.dot(b0, b0), wp.dot(b1, b1), ab)
+            c, s, _t = rotation(wp.dot(b0, b0), wp.dot(b1, b1), ab)
             b0, b1 = turned(b0, b1, c, s)
             v0, v1 = turned(v0, v1, c, s)
         ab = wp.dot(b0, b2)
         if not orthogonal(b0, b2, ab):
-            c, s = rotation(wp.dot(b0, b0), wp.dot(b2, b2), ab)
+            c, s, _t = rotation(wp.dot(b0, b0), wp.dot(b2, b2), ab)
             b0, b2 = turned(b0, b2, c, s)
             v0, v2 = turned(v0, v2, c, s)
         ab = wp.dot(b1, b2)
         if not orthogonal(b1, b2, ab):
-            c, s = rotation(wp.dot(b1, b1), wp.dot(b2, b2), ab)
+            c, s, _t = rotation(wp.dot(b1, b1), wp.dot(b2, b2), ab)
             b1, b2 = turned(b1, b2, c, s)
             v1, v2 = turned(v1, v2, c, s)
         return (
@@ -155,24 +188,42 @@ def build(real: Any) -> LinalgFunctions:
         )
 
     @wp.func(module="unique")
-    def valid(F: mat33) -> bool:
-        det = wp.determinant(F)
-        return det > real(0.0) and wp.isfinite(det)
-
-    @wp.func(module="unique")
-    def principal(F: mat33):
-        B, V, s2 = decompose(F)
-        s = vec3(wp.sqrt(s2[0]), wp.sqrt(s2[1]), wp.sqrt(s2[2]))
-        e = vec3(wp.log(s[0]), wp.log(s[1]), wp.log(s[2]))
+    def principal(F: mat33, H: mat33):
+        E = strain(H)
+        v0 = far_vector(E)
+        y1, y2 = complement(v0)
+        B = mat33()
+        V = mat33()
+        s = vec3()
+        d = vec3()
+        e = vec3()
+        if wp.ddot(E, E) < near:
+            E1 = E * y1
+            E2 = E * y2
+            aa = wp.dot(y1, E1)
+            bb = wp.dot(y2, E2)
+            ab = wp.dot(y1, E2)
+            c, t, tangent = rotation(aa, bb, ab)
+            v1, v2 = turned(y1, y2, c, t)
+            V = wp.matrix_from_cols(v0, v1, v2)
+            B = F * V
+            l = vec3(wp.trace(E) - aa - bb, aa - tangent * ab, bb + tangent * ab)
+            one = real(1.0)
+            s = vec3(wp.sqrt(one + l[0]), wp.sqrt(one + l[1]), wp.sqrt(one + l[2]))
+            d = vec3(l[0] / (one + s[0]), l[1] / (one + s[1]), l[2] / (one + s[2]))
+            e = real(0.5) * vec3(log1p(l[0]), log1p(l[1]), log1p(l[2]))
+        else:
+            B, V, s2 = decompose(F, v0, y1, y2)
+            s = vec3(wp.sqrt(s2[0]), wp.sqrt(s2[1]), wp.sqrt(s2[2]))
+            d = s - vec3(real(1.0), real(1.0), real(1.0))
+            e = vec3(wp.log(s[0]), wp.log(s[1]), wp.log(s[2]))
         # V is a rotation, so B has the sign of F; its columns are orthogonal, so here the sign survives any condition
-        b0 = vec3(B[0, 0], B[1, 0], B[2, 0])
-        b1 = vec3(B[0, 1], B[1, 1], B[2, 1])
-        b2 = vec3(B[0, 2], B[1, 2], B[2, 2])
         least = wp.min(s[0], wp.min(s[1], s[2]))
-        if not (wp.dot(wp.cross(b0, b1), b2) > real(0.0) and least > flat * wp.max(s[0], wp.max(s[1], s[2]))):
+        if not (wp.determinant(B) > real(0.0) and least > flat * wp.max(s[0], wp.max(s[1], s[2]))):
             e = vec3(nan, nan, nan)
             s = e
-        return B, V, s, e
+            d = e
+        return B, V, s, d, e
 
     @wp.func(module="unique")
     def cofactor(F: mat33) -> mat33:
@@ -196,4 +247,4 @@ def build(real: Any) -> LinalgFunctions:
             steps += 1
         return R
 
-    return LinalgFunctions(decompose, principal, polar, cofactor, valid)
+    return LinalgFunctions(principal, eye, gram, strain, polar, cofactor)

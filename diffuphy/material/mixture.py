@@ -7,7 +7,10 @@ serves any number of laws:
     stress       T = Σ_c w_c^e T^c(z),   τ = U diag(T) Uᵀ,   Fe = U diag(z) Vᵀ
 
 The gates w^p act as given; the identity takes what the others leave. With B = F V = U S nothing else is needed:
-τ = B diag(T/s²) Bᵀ and Fe = F + B diag(z/s − 1) Vᵀ, so a particle that does not flow keeps its F to the last bit.
+τ = B diag(T/s²) Bᵀ and Fe − F = B diag(z/s − 1) Vᵀ, so a particle that does not flow keeps its F to the last bit.
+
+A deformation goes in twice, as F and as H = F − I: H has the digits of strains far below 1, F those of stretches far
+below 1. Stress, energy and flow are right to the digits of both (:mod:`.linalg`, :mod:`.near_one`).
 
 Adjoint: with G = Uᵀ sym(τ̄) U and H = Uᵀ F̄e V the gradient is F̄ = U X Vᵀ; diagonal by the chain rule in e, off the
 diagonal by divided differences that are smooth at equal stretches,
@@ -32,7 +35,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from . import linalg, principal, sums, wave
+from . import principal, sums, volume, wave
 from .branch import BRANCHES, BranchFunctions
 from .elastic import ELASTIC
 from .expert import MEMORY, ElasticFunctions, Layout
@@ -69,31 +72,31 @@ class Mixture:
     memory_t: Any
     """Vector type of h, length max(1, len(memory))."""
     stress: Any
-    """(F_trial, w_e, w_p, θ, dt[, h]) → (τ [Pa], Fe[, h'])."""
+    """(F_trial, H_trial, w_e, w_p, θ, dt[, h]) → (τ [Pa], Fe − F_trial[, h'])."""
     stress_adjoint: Any
-    """(F_trial, w_e, w_p, θ, dt, τ̄, F̄e[, h, h̄']) → (F̄_trial, w̄_e, w̄_p, θ̄[, h̄]); τ̄ need not be symmetric."""
+    """(F_trial, H_trial, w_e, w_p, θ, dt, τ̄, F̄e[, h, h̄']) → (F̄_trial, w̄_e, w̄_p, θ̄[, h̄]); τ̄ may be any."""
     energy: Any
-    """(Fe, w_e, θ) → ψ [Pa], energy per unit rest volume; without the branches."""
+    """(Fe, He, w_e, θ) → ψ [Pa], energy per unit rest volume; without the branches."""
     wave: Any
-    """(Fe, w_e, θ) → ρ_0 c² [Pa] of the fastest wave in this state, branches included at their stiffness at rest."""
+    """(Fe, He, w_e, θ) → ρ_0 c² [Pa] of the fastest wave in this state, branches included as stiff as at rest."""
     valid: Any
-    """(F) → bool: finite and det F > 0; one determinant, cheap enough for every substep."""
+    """(F) → bool: finite and det F > 0 in whatever frame; one determinant, cheap enough for every substep."""
     branch: BranchFunctions | None
     """Functions of the viscous branch."""
 
     @property
     def branch_stress(self) -> Any:
-        """(F_N, θ, dt) → (τ_N [Pa], Fe_N); F_N: trial deformation of the branch."""
+        """(F_N, H_N, θ, dt) → (τ_N [Pa], Fe_N − F_N); F_N: trial deformation of the branch."""
         return None if self.branch is None else self.branch.stress
 
     @property
     def branch_stress_adjoint(self) -> Any:
-        """(F_N, θ, dt, τ̄, F̄e_N) → (F̄_N, θ̄)."""
+        """(F_N, H_N, θ, dt, τ̄, F̄e_N) → (F̄_N, θ̄)."""
         return None if self.branch is None else self.branch.stress_adjoint
 
     @property
     def branch_energy(self) -> Any:
-        """(Fe_N, θ) → ψ_N [Pa]."""
+        """(Fe_N, He_N, θ) → ψ_N [Pa]."""
         return None if self.branch is None else self.branch.energy
 
     @property
@@ -164,7 +167,7 @@ def make_mixture(
         elastic, plastic, params, decomposes, is_plastic, memory, branches, real,
         layout.vec3, layout.mat33, w_e_t, w_p_t, layout.theta_t, layout.memory_t,
         stress, adjoint, principal.energy(layout, total, w_e_t), wave.build(layout, total, w_e_t, branch),
-        linalg.build(real).valid, branch,
+        volume.build(real).valid, branch,
     )  # fmt: skip
 
 
@@ -174,12 +177,14 @@ def _direct(layout: Layout, laws: tuple[ElasticFunctions, ...], w_e_t: Any, w_p_
     tau_of, tau_adjoint = sums.sum_direct(layout, laws, w_e_t)
 
     @wp.func(module="unique")
-    def stress(F: mat33, w_e: w_e_t, w_p: w_p_t, theta: theta_t, dt: real):
-        return tau_of(F, w_e, theta), F
+    def stress(F: mat33, H: mat33, w_e: w_e_t, w_p: w_p_t, theta: theta_t, dt: real):
+        return tau_of(F, H, w_e, theta), mat33()
 
     @wp.func(module="unique")
-    def stress_adjoint(F: mat33, w_e: w_e_t, w_p: w_p_t, theta: theta_t, dt: real, tau_bar: mat33, Fe_bar: mat33):
-        F_bar, w_e_bar, theta_bar = tau_adjoint(F, w_e, theta, tau_bar)
+    def stress_adjoint(
+        F: mat33, H: mat33, w_e: w_e_t, w_p: w_p_t, theta: theta_t, dt: real, tau_bar: mat33, Fe_bar: mat33
+    ):  # fmt: skip
+        F_bar, w_e_bar, theta_bar = tau_adjoint(F, H, w_e, theta, tau_bar)
         return Fe_bar + F_bar, w_e_bar, w_p_t(), theta_bar
 
     return stress, stress_adjoint

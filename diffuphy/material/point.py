@@ -20,11 +20,12 @@ from torch import Tensor
 
 from diffuphy.compiling import LOCK, load
 
+from . import linalg
 from .elastic import ELASTIC
 from .expert import MEMORY
 from .mixture import Mixture, make_mixture
 from .plastic import PLASTIC
-from .reference import check_law, check_state
+from .reference import check_law, check_state, decompose, log_det
 
 REAL = {torch.float32: wp.float32, torch.float64: wp.float64}
 Params = Mapping[str, float | Tensor]
@@ -120,7 +121,7 @@ def _evaluate(
 
     new = {"slip": 0.0, "heat": 0.0}
     if "log_J" in mixture.memory and "log_J" not in memory:
-        new["log_J"] = torch.linalg.det(F).log()
+        new["log_J"] = log_det(F)
     h = columns([{**new, **memory}[m] for m in mixture.memory] or [0.0])
     rows = F.reshape(-1, 3, 3).contiguous(), columns([theta[p] for p in mixture.params]), h
     tau, Fe, after = _Point.apply(mixture, dt, *rows)
@@ -137,6 +138,7 @@ def _kernels(mixture: Mixture) -> tuple[Any, Any]:
 def _make_kernels(mixture: Mixture) -> tuple[Any, Any]:
     """A mixture of single laws reads no weights."""
     real, mat33, theta_t, memory_t = mixture.real, mixture.mat33, mixture.theta_t, mixture.memory_t
+    eye = linalg.build(real).eye
     w_e_t, w_p_t, remembers = mixture.w_e_t, mixture.w_p_t, len(mixture.memory) > 0
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -151,12 +153,12 @@ def _make_kernels(mixture: Mixture) -> tuple[Any, Any]:
     ):
         p = wp.tid()
         if wp.static(remembers):
-            tau_p, Fe_p, h_p = mixture.stress(F[p], w_e_t(), w_p_t(), theta[p], dt, h[p])
+            tau_p, flow_p, h_p = mixture.stress(F[p], F[p] - eye(), w_e_t(), w_p_t(), theta[p], dt, h[p])
             h_out[p] = h_p
         else:
-            tau_p, Fe_p = mixture.stress(F[p], w_e_t(), w_p_t(), theta[p], dt)
+            tau_p, flow_p = mixture.stress(F[p], F[p] - eye(), w_e_t(), w_p_t(), theta[p], dt)
         tau[p] = tau_p
-        Fe[p] = Fe_p
+        Fe[p] = F[p] + flow_p
 
     @wp.kernel(module="unique", enable_backward=False)
     def backward(
@@ -174,12 +176,12 @@ def _make_kernels(mixture: Mixture) -> tuple[Any, Any]:
         p = wp.tid()
         if wp.static(remembers):
             F_p, _w_e, _w_p, theta_p, h_p = mixture.stress_adjoint(
-                F[p], w_e_t(), w_p_t(), theta[p], dt, tau_bar[p], Fe_bar[p], h[p], h_out_bar[p]
+                F[p], F[p] - eye(), w_e_t(), w_p_t(), theta[p], dt, tau_bar[p], Fe_bar[p], h[p], h_out_bar[p]
             )
             h_bar[p] = h_p
         else:
             F_p, _w_e, _w_p, theta_p = mixture.stress_adjoint(
-                F[p], w_e_t(), w_p_t(), theta[p], dt, tau_bar[p], Fe_bar[p]
+                F[p], F[p] - eye(), w_e_t(), w_p_t(), theta[p], dt, tau_bar[p], Fe_bar[p]
             )
         F_bar[p] = F_p
         theta_bar[p] = theta_p
@@ -225,12 +227,12 @@ class _Strains(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, F: Tensor) -> Tensor:
-        U, s, Vh = torch.linalg.svd(F)
-        ctx.save_for_backward(U, s, Vh)
-        return s.log()
+        U, e, Vh = decompose(F)
+        ctx.save_for_backward(U, e, Vh)
+        return e
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, e_bar: Tensor) -> Tensor:
-        U, s, Vh = ctx.saved_tensors
-        return (U * (e_bar / s)[..., None, :]) @ Vh
+        U, e, Vh = ctx.saved_tensors
+        return (U * (e_bar * torch.exp(-e))[..., None, :]) @ Vh

@@ -1,7 +1,8 @@
 """The laws in torch, one matrix at a time or in batches: what the Warp functions are tested against.
 
 All functions take F of shape (..., 3, 3) with det F > 0 and parameters by name, each a float or of shape (...,). They
-go through a singular value decomposition: exact in value everywhere, not meant to be differentiated at equal stretches.
+go through a decomposition F = U diag(exp e) Vᵀ: exact in value everywhere, however small the strain, not meant to be
+differentiated at equal stretches.
 """
 
 from collections.abc import Mapping
@@ -13,6 +14,7 @@ from torch import Tensor
 from . import moduli
 from .elastic import ELASTIC
 from .expert import Elastic, Plastic
+from .linalg import NEAR
 from .plastic import PLASTIC
 
 Law = TypeVar("Law", Elastic, Plastic)
@@ -25,14 +27,14 @@ def kirchhoff(F: Tensor, law: str, params: Mapping[str, float | Tensor]) -> Tens
         ValueError: unknown law, missing or impossible parameter, det F ≤ 0.
     """
     theta = check_law(law, ELASTIC, params, F)
-    U, s, _ = _svd(F)
-    return (U * ELASTIC[law].stress(s.log(), theta)[..., None, :]) @ U.mT
+    U, e, _ = decompose(F)
+    return (U * ELASTIC[law].stress(e, theta)[..., None, :]) @ U.mT
 
 
 def energy(F: Tensor, law: str, params: Mapping[str, float | Tensor]) -> Tensor:
     """Stored energy ψ per unit rest volume [Pa], shape (...,), of one elastic law. Raises as :func:`kirchhoff`."""
     theta = check_law(law, ELASTIC, params, F)
-    return ELASTIC[law].energy(_svd(F)[1].log(), theta)
+    return ELASTIC[law].energy(decompose(F)[1], theta)
 
 
 def return_map(
@@ -49,14 +51,14 @@ def return_map(
     Raises as :func:`kirchhoff`.
     """
     theta = check_law(law, PLASTIC, params, F)
-    U, s, Vh = _svd(F)
-    e = s.log()
+    U, e, Vh = decompose(F)
     tr = e.sum(-1)
     dev = e - tr[..., None] / 3
     new = {"log_J": tr, "slip": torch.zeros_like(tr), "heat": torch.zeros_like(tr)}
     past = ({**new, **(memory or {})},) if PLASTIC[law].memory else ()
     a, b = PLASTIC[law].flow(dev.norm(dim=-1), tr, theta, dt, *past)
-    return (U * torch.exp(e + b[..., None] - a[..., None] * dev)[..., None, :]) @ Vh
+    grown = torch.exp(e) * torch.expm1(b[..., None] - a[..., None] * dev)
+    return F + (U * grown[..., None, :]) @ Vh
 
 
 def check_law(
@@ -87,6 +89,35 @@ def check_state(F: Tensor) -> None:
         raise ValueError(f"det F must be positive, got {float(det.min()):g}: such a state of matter does not exist")
 
 
-def _svd(F: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def decompose(F: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """(U, e, Vᵀ) of F = U diag(exp e) Vᵀ, e in no order, of shapes (..., 3, 3), (..., 3), (..., 3, 3).
+
+    Where E = FᵀF − I is small it is decomposed instead of F, with e = ½ ln(1 + λ): so e has the digits of F − I.
+
+    Raises:
+        ValueError: det F ≤ 0.
+    """
     check_state(F)
-    return torch.linalg.svd(F)
+    H = _less_one(F)
+    E = H + H.mT + H.mT @ H
+    near = (E * E).sum((-2, -1)) < NEAR
+    value, V = torch.linalg.eigh(torch.where(near[..., None, None], E, torch.zeros_like(E)))
+    small = torch.log1p(value) / 2
+    U, s, Vh = torch.linalg.svd(F)
+    e = torch.where(near[..., None], small, s.log())
+    Q = torch.where(near[..., None, None], F @ V * torch.exp(-small)[..., None, :], U)
+    return Q, e, torch.where(near[..., None, None], V.mT, Vh)
+
+
+def log_det(F: Tensor) -> Tensor:
+    """ln det F, shape (...,), to the digits of F − I where that is small."""
+    H = _less_one(F)
+    near = (H * H).sum((-2, -1)) < NEAR
+    at = torch.where(near[..., None, None], H, torch.zeros_like(H))
+    tr = at.diagonal(dim1=-2, dim2=-1).sum(-1)
+    minors = (tr * tr - (at * at.mT).sum((-2, -1))) / 2
+    return torch.where(near, torch.log1p(tr + minors + torch.linalg.det(at)), torch.linalg.det(F).log())
+
+
+def _less_one(F: Tensor) -> Tensor:
+    return F - torch.eye(3, dtype=F.dtype, device=F.device)

@@ -20,13 +20,13 @@ class ElasticSum:
     """Σ_c w_c of the principal functions; the adjoint also gives w̄."""
 
     energy: Any
-    """(s, e, w, θ) → ψ."""
+    """(s, d, e, w, θ) → ψ."""
     stress: Any
-    """(s, e, w, θ) → T."""
+    """(s, d, e, w, θ) → T."""
     stress_adjoint: Any
-    """(s, e, w, θ, T̄) → (ē, w̄, θ̄)."""
+    """(s, d, e, w, θ, T̄) → (ē, w̄, θ̄)."""
     slope: Any
-    """(s, e, w, θ) → (d_12, d_20, d_01)."""
+    """(s, d, e, w, θ) → (d_12, d_20, d_01)."""
 
 
 @dataclass(frozen=True)
@@ -55,21 +55,21 @@ def sum_elastic(layout: Layout, laws: tuple[ElasticFunctions, ...], w_t: Any) ->
 
     def alone(law: ElasticFunctions) -> ElasticSum:
         @wp.func(module="unique")
-        def energy(s: vec3, e: vec3, w: w_t, theta: theta_t) -> real:
-            return law.energy(s, e, theta)
+        def energy(s: vec3, d: vec3, e: vec3, w: w_t, theta: theta_t) -> real:
+            return law.energy(s, d, e, theta)
 
         @wp.func(module="unique")
-        def stress(s: vec3, e: vec3, w: w_t, theta: theta_t) -> vec3:
-            return law.stress(s, e, theta)
+        def stress(s: vec3, d: vec3, e: vec3, w: w_t, theta: theta_t) -> vec3:
+            return law.stress(s, d, e, theta)
 
         @wp.func(module="unique")
-        def stress_adjoint(s: vec3, e: vec3, w: w_t, theta: theta_t, T_bar: vec3):
-            e_bar, theta_bar = law.stress_adjoint(s, e, theta, T_bar)
+        def stress_adjoint(s: vec3, d: vec3, e: vec3, w: w_t, theta: theta_t, T_bar: vec3):
+            e_bar, theta_bar = law.stress_adjoint(s, d, e, theta, T_bar)
             return e_bar, w_t(), theta_bar
 
         @wp.func(module="unique")
-        def slope(s: vec3, e: vec3, w: w_t, theta: theta_t) -> vec3:
-            return law.slope(s, e, theta)
+        def slope(s: vec3, d: vec3, e: vec3, w: w_t, theta: theta_t) -> vec3:
+            return law.slope(s, d, e, theta)
 
         return ElasticSum(energy, stress, stress_adjoint, slope)
 
@@ -81,15 +81,15 @@ def _nothing(layout: Layout, w_t: Any) -> ElasticSum:
     real, vec3, theta_t = layout.real, layout.vec3, layout.theta_t
 
     @wp.func(module="unique")
-    def energy(s: vec3, e: vec3, w: w_t, theta: theta_t) -> real:
+    def energy(s: vec3, d: vec3, e: vec3, w: w_t, theta: theta_t) -> real:
         return real(0.0)
 
     @wp.func(module="unique")
-    def stress(s: vec3, e: vec3, w: w_t, theta: theta_t) -> vec3:
+    def stress(s: vec3, d: vec3, e: vec3, w: w_t, theta: theta_t) -> vec3:
         return vec3()
 
     @wp.func(module="unique")
-    def stress_adjoint(s: vec3, e: vec3, w: w_t, theta: theta_t, T_bar: vec3):
+    def stress_adjoint(s: vec3, d: vec3, e: vec3, w: w_t, theta: theta_t, T_bar: vec3):
         return vec3(), w_t(), theta_t()
 
     return ElasticSum(energy, stress, stress_adjoint, stress)
@@ -100,50 +100,50 @@ def _plus(layout: Layout, w_t: Any, before: ElasticSum, law: ElasticFunctions, c
     real, vec3, theta_t = layout.real, layout.vec3, layout.theta_t
 
     @wp.func(module="unique")
-    def energy(s: vec3, e: vec3, w: w_t, theta: theta_t) -> real:
-        return before.energy(s, e, w, theta) + w[c] * law.energy(s, e, theta)
+    def energy(s: vec3, d: vec3, e: vec3, w: w_t, theta: theta_t) -> real:
+        return before.energy(s, d, e, w, theta) + w[c] * law.energy(s, d, e, theta)
 
     @wp.func(module="unique")
-    def stress(s: vec3, e: vec3, w: w_t, theta: theta_t) -> vec3:
-        return before.stress(s, e, w, theta) + w[c] * law.stress(s, e, theta)
+    def stress(s: vec3, d: vec3, e: vec3, w: w_t, theta: theta_t) -> vec3:
+        return before.stress(s, d, e, w, theta) + w[c] * law.stress(s, d, e, theta)
 
     @wp.func(module="unique")
-    def stress_adjoint(s: vec3, e: vec3, w: w_t, theta: theta_t, T_bar: vec3):
-        e_bar, w_bar, theta_bar = before.stress_adjoint(s, e, w, theta, T_bar)
-        w_bar[c] = wp.dot(T_bar, law.stress(s, e, theta))
-        e_c, theta_c = law.stress_adjoint(s, e, theta, T_bar)
+    def stress_adjoint(s: vec3, d: vec3, e: vec3, w: w_t, theta: theta_t, T_bar: vec3):
+        e_bar, w_bar, theta_bar = before.stress_adjoint(s, d, e, w, theta, T_bar)
+        w_bar[c] = wp.dot(T_bar, law.stress(s, d, e, theta))
+        e_c, theta_c = law.stress_adjoint(s, d, e, theta, T_bar)
         return e_bar + w[c] * e_c, w_bar, theta_bar + w[c] * theta_c
 
     @wp.func(module="unique")
-    def slope(s: vec3, e: vec3, w: w_t, theta: theta_t) -> vec3:
-        return before.slope(s, e, w, theta) + w[c] * law.slope(s, e, theta)
+    def slope(s: vec3, d: vec3, e: vec3, w: w_t, theta: theta_t) -> vec3:
+        return before.slope(s, d, e, w, theta) + w[c] * law.slope(s, d, e, theta)
 
     return ElasticSum(energy, stress, stress_adjoint, slope)
 
 
 def sum_direct(layout: Layout, laws: tuple[ElasticFunctions, ...], w_t: Any) -> tuple[Any, Any]:
-    """(F, w, θ) → Σ_c w_c τ_c(F) and (F, w, θ, τ̄) → (F̄, w̄, θ̄), of laws that need no principal frame."""
+    """(F, H, w, θ) → Σ_c w_c τ_c and (F, H, w, θ, τ̄) → (F̄, w̄, θ̄), of laws that need no principal frame."""
     mat33, theta_t = layout.mat33, layout.theta_t
 
     def alone(law: ElasticFunctions) -> tuple[Any, Any]:
         @wp.func(module="unique")
-        def stress(F: mat33, w: w_t, theta: theta_t) -> mat33:
-            return law.direct(F, theta)
+        def stress(F: mat33, H: mat33, w: w_t, theta: theta_t) -> mat33:
+            return law.direct(F, H, theta)
 
         @wp.func(module="unique")
-        def stress_adjoint(F: mat33, w: w_t, theta: theta_t, tau_bar: mat33):
-            F_bar, theta_bar = law.direct_adjoint(F, theta, tau_bar)
+        def stress_adjoint(F: mat33, H: mat33, w: w_t, theta: theta_t, tau_bar: mat33):
+            F_bar, theta_bar = law.direct_adjoint(F, H, theta, tau_bar)
             return F_bar, w_t(), theta_bar
 
         return stress, stress_adjoint
 
     def none() -> tuple[Any, Any]:
         @wp.func(module="unique")
-        def stress(F: mat33, w: w_t, theta: theta_t) -> mat33:
+        def stress(F: mat33, H: mat33, w: w_t, theta: theta_t) -> mat33:
             return mat33()
 
         @wp.func(module="unique")
-        def stress_adjoint(F: mat33, w: w_t, theta: theta_t, tau_bar: mat33):
+        def stress_adjoint(F: mat33, H: mat33, w: w_t, theta: theta_t, tau_bar: mat33):
             return mat33(), w_t(), theta_t()
 
         return stress, stress_adjoint
@@ -152,14 +152,14 @@ def sum_direct(layout: Layout, laws: tuple[ElasticFunctions, ...], w_t: Any) -> 
         stress_before, adjoint_before = before
 
         @wp.func(module="unique")
-        def stress(F: mat33, w: w_t, theta: theta_t) -> mat33:
-            return stress_before(F, w, theta) + w[c] * law.direct(F, theta)
+        def stress(F: mat33, H: mat33, w: w_t, theta: theta_t) -> mat33:
+            return stress_before(F, H, w, theta) + w[c] * law.direct(F, H, theta)
 
         @wp.func(module="unique")
-        def stress_adjoint(F: mat33, w: w_t, theta: theta_t, tau_bar: mat33):
-            F_bar, w_bar, theta_bar = adjoint_before(F, w, theta, tau_bar)
-            w_bar[c] = wp.ddot(tau_bar, law.direct(F, theta))
-            F_c, theta_c = law.direct_adjoint(F, theta, tau_bar)
+        def stress_adjoint(F: mat33, H: mat33, w: w_t, theta: theta_t, tau_bar: mat33):
+            F_bar, w_bar, theta_bar = adjoint_before(F, H, w, theta, tau_bar)
+            w_bar[c] = wp.ddot(tau_bar, law.direct(F, H, theta))
+            F_c, theta_c = law.direct_adjoint(F, H, theta, tau_bar)
             return F_bar + w[c] * F_c, w_bar, theta_bar + w[c] * theta_c
 
         return stress, stress_adjoint

@@ -48,11 +48,11 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
     branch_stress, branch_stress_adjoint = mixture.branch_stress, mixture.branch_stress_adjoint
     memory, branched = len(mixture.memory) > 0, len(mixture.branches) > 0
     material_of = make_rows(variant).material_of
-    body, driven, classic = variant.body, len(drives) > 0, variant.scheme.force == "classic"
+    body, driven = variant.body, len(drives) > 0
     drive = make_drives(drives, real)
     drive_t, accelerate, accelerate_adjoint = drive.drive_t, drive.accelerate, drive.accelerate_adjoint
-    hold, hold_adjoint = drive.hold, drive.hold_adjoint
-    inverse = real(1 / variant.scheme.inertia)
+    hold, hold_adjoint, pushed, pushes = drive.hold, drive.hold_adjoint, drive.pushed, drive.impulses > 0
+    scale = real(1 if variant.scheme.force == "classic" else 1 / variant.scheme.inertia)
     beside, wall_t = make_rows(variant).beside, make_rows(variant).wall_t
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -94,6 +94,7 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
         w_p_bar: wp.array[w_p_t],
         theta_bar: wp.array[theta_t],
         m_bar: wp.array[real],
+        push_bar: wp.array2d[real],  # (N, impulses) of the mass that shares each, times that mass
         need_w_e: bool,
         need_w_p: bool,
         need_theta: bool,
@@ -101,18 +102,18 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
     ):
         p = start + wp.tid()
         r = at + p
-        idx = real(1.0) / dx
+        base, idx = (p // per_scene) * (n[0] * n[1] * n[2]), real(1.0) / dx
         place = (X[p] - low) + u[r]
         bx, by, bz, f = cell(place * idx)
         dt, kick = steps[s][0], steps[s][1]
         w_e_p, w_p_p, theta_p = material_of(w_e, w_p, theta, p)
         F = eye() + He[r]
         if wp.static(memory):
-            tau, _Fe, _h = stress(F, w_e_p, w_p_p, theta_p, dt, memory_in[r])
+            tau, _flow, _h = stress(F, He[r], w_e_p, w_p_p, theta_p, dt, memory_in[r])
         else:
-            tau, _Fe = stress(F, w_e_p, w_p_p, theta_p, dt)
+            tau, _flow = stress(F, He[r], w_e_p, w_p_p, theta_p, dt)
         if wp.static(branched):
-            tau_N, _FN = branch_stress(eye() + HN[r], theta_p, dt)
+            tau_N, _flow_N = branch_stress(eye() + HN[r], HN[r], theta_p, dt)
             tau += tau_N
         m_p = m[p]
         v_p = v[r]
@@ -123,32 +124,32 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
             a_p = accelerate(place, v_p, tag[p], drive_row, s)
         if wp.static(body):
             a_p += b[p]
-        k = -kick * vol[p] * idx
-        if wp.static(not classic):
-            k *= inverse
-        base = (p // per_scene) * (n[0] * n[1] * n[2])
         phi, normal = beside(place, dx, wall_row, sdf, ws)
         S, S_f, A_bar, tau_bar, m_i, along = from_nodes(
-            bar, base, n, bx, by, bz, f, m_p, v_p, (m_p * dx) * C_p, (kick * m_p) * a_p, k, tau, phi, normal
-        )
-        v_b, C_b = m_p * S, (m_p * dx) * A_bar
-        x_bar[p] = x_bar[p] + idx * along
+            bar, base, n, bx, by, bz, f,
+            m_p, v_p, (m_p * dx) * C_p, (kick * m_p) * a_p, (-kick * scale * idx) * vol[p], tau, phi, normal,
+        )  # fmt: skip
+        v_b, C_b, x_b = m_p * S, (m_p * dx) * A_bar, idx * along
         if wp.static(driven):
             r_b, v_a = accelerate_adjoint(place, v_p, tag[p], drive_row, s, (kick * m_p) * S_f)
+            if wp.static(pushes):
+                if need_m:
+                    pushed(tag[p], drive_row, s, (kick * m_p) * S_f, p, push_bar)
             r_h, v_b, C_b = hold_adjoint(place, v[r], C[r], tag[p], drive_row, s, v_b + v_a, C_b)
-            x_bar[p] = x_bar[p] + (r_b + r_h)
+            x_b += r_b + r_h
+        x_bar[p] = x_bar[p] + x_b
         v_bar[p] = v_bar[p] + v_b
         C_bar[p] = C_bar[p] + C_b
         if wp.static(memory):
             F_bar, we_b, wp_b, th_b, h_b = stress_adjoint(
-                F, w_e_p, w_p_p, theta_p, dt, tau_bar, He_bar[p], memory_in[r], memory_bar[p]
+                F, He[r], w_e_p, w_p_p, theta_p, dt, tau_bar, He_bar[p], memory_in[r], memory_bar[p]
             )
             memory_bar[p] = h_b
         else:
-            F_bar, we_b, wp_b, th_b = stress_adjoint(F, w_e_p, w_p_p, theta_p, dt, tau_bar, He_bar[p])
+            F_bar, we_b, wp_b, th_b = stress_adjoint(F, He[r], w_e_p, w_p_p, theta_p, dt, tau_bar, He_bar[p])
         He_bar[p] = F_bar
         if wp.static(branched):
-            FN_bar, th_N = branch_stress_adjoint(eye() + HN[r], theta_p, dt, tau_bar, HN_bar[p])
+            FN_bar, th_N = branch_stress_adjoint(eye() + HN[r], HN[r], theta_p, dt, tau_bar, HN_bar[p])
             HN_bar[p] = FN_bar
             th_b += th_N
         if need_w_e:

@@ -18,8 +18,8 @@ def make_g2p_adjoint(variant: Variant) -> wp.Kernel:
     vec3, mat33, node_t, step_t = variant.vec3, variant.mat33, variant.node_t, variant.step_t
     memory_t = mixture.memory_t
     transfer, rows, drives = make_transfer(variant.scheme, real), make_rows(variant), variant.drives
-    spline, carried_adjoint = transfer.spline, rows.carried_adjoint
-    survey, fields = make_survey(variant.scheme, real).survey, make_around(variant).fields
+    spline, carried_adjoint, turned_adjoint = transfer.spline, rows.carried_adjoint, rows.turned_adjoint
+    survey, surveyed = make_survey(variant.scheme, real).survey, make_around(variant).surveyed
     to_nodes = _make_to_nodes(variant)
     cell, eye, cofactor = spline.cell, spline.eye, linalg.build(real).cofactor
     plastic, branched = mixture.is_plastic, len(mixture.branches) > 0
@@ -73,9 +73,7 @@ def make_g2p_adjoint(variant: Variant) -> wp.Kernel:
         base, lane = (p // per_scene) * nodes, (p // per) * nodes
         c = inverse * idx
         around = survey(grid_v, base, n, bx, by, bz, f)
-        B, L, _V, V_0, B_0 = fields(
-            around[0], around[1], around[2], around[3], around[4], around[8], around[12], f, idx
-        )  # fmt: skip
+        B, L, V_0, B_0 = surveyed(around, f, idx)
         if wp.static(driven):
             _v, L = hold(place, v[r], L, tag[p], drive_row, s)
         x_next = x_bar[p]
@@ -97,13 +95,12 @@ def make_g2p_adjoint(variant: Variant) -> wp.Kernel:
             A_bar += A_n
             HN_bar[p] = n_bar
         if wp.static(opens):  # d ln det D = D⁻ᵀ : dD
-            D = eye() + A
-            A_bar += (memory_bar[p][wp.static(at_log_J)] / wp.determinant(D)) * cofactor(D)
+            A_bar += (memory_bar[p][wp.static(at_log_J)] / wp.determinant(eye() + A)) * cofactor(eye() + A)
         L_bar = dt * A_bar
         if wp.static(turns):
-            K = (real(-0.5) * dt) * (C_next + wp.transpose(C_next))
-            B_bar += K * wp.transpose(L)
-            L_bar += wp.transpose(B) * K
+            B_turn, L_turn = turned_adjoint(B, L, -dt * C_next)
+            B_bar += B_turn
+            L_bar += L_turn
         if wp.static(driven):
             _r, _v_bar, L_bar = hold_adjoint(place, v[r], C[r], tag[p], drive_row, s, vec3(), L_bar)
         if wp.static(not classic):

@@ -1,6 +1,6 @@
 """How long a substep is, and which block of nodes a frame needs.
 
-    n_sub = ⌈T / min( cfl Δx / (c + V),  0.8 Δx / (c' + V) )⌉,      T = 1/fps
+    n_sub = ⌈T / min( cfl Δx / (c + V),  0.75 Δx / (c' + V) )⌉,      T = 1/fps
 
 c is the fastest wave of the mixture at rest, c' that in the present stretch, V bounds the speed of a particle in the
 frame. The number depends on the material, so it is found again for every frame; it is not differentiated. A frame at
@@ -9,6 +9,7 @@ whose end waves turn out to be too fast for its substep is run again with half o
 
 import dataclasses
 import math
+from typing import Any
 
 import torch
 
@@ -22,11 +23,16 @@ from diffuphy.mpm.span import Span
 from diffuphy.mpm.state import Matter, State
 from diffuphy.types import MaterialField, SimulationDiverged
 
-STABLE = 0.8
-"""Largest Δt (c + |v|) / Δx of an explicit step that is stable for all laws of the library [-]."""
+STABLE = 0.75
+"""Largest Δt (c + |v|) / Δx of an explicit step that is stable for all laws of the library [-]: noise in what is nearly
+incompressible grows from 0.77 on, with ν = 0.3 from 0.92 on."""
 
 MAX_SUBSTEPS = 10**6
 """Substeps of one frame beyond which a scene is refused: it is stiffer than an explicit step can film."""
+
+FINEST = 2.0**-6
+"""Largest rounding of a position [Δx]: an eighth of what it takes to see it in the weights of a particle and its
+neighbour; 13 km from the origin in float32 with cells of 5 cm."""
 
 SPARSE_NODES = 2**15
 """Nodes of a block below which all are worked on: finding out which are needed takes as long as a few substeps."""
@@ -48,6 +54,7 @@ class Clock:
         theta = dict(zip(solver.mixture.params, matter.theta.T, strict=True))
         rest = wave_speed(tuple(field.elastic), matter.w_e, theta, matter.m / matter.vol, tuple(field.branches))
         self.rest = rest.detach()
+        self._known: tuple[tuple[Any, ...], State, torch.Tensor] | None = None
         self.top = rest.max() if scene.scheme.retain > 0.0 or solver.variant.elastic else None
         """Fastest wave at rest [m/s] as a function of the material, if retention or contact go by it."""
 
@@ -57,8 +64,16 @@ class Clock:
         return float(self.rest.max())
 
     def pace(self, state: State) -> torch.Tensor:
-        """Fastest wave of each particle in the present stretch, shape (N,) [m/s]."""
-        return waves(self.solver.mixture, state, self.matter)
+        """Fastest wave of each particle in the present stretch, shape (N,) [m/s]. That of the end of a frame is known
+        when the next frame begins with the same tensors."""
+        key = tuple(None if t is None else (t.data_ptr(), t.shape, t._version) for t in (state.He, state.memory))
+        if self._known is None or self._known[0] != key:
+            self._known = (
+                key,
+                state,
+                waves(self.solver.mixture, state, self.matter),
+            )  # memory of the state stays its own
+        return self._known[2]
 
     def stiff(self, state: State) -> float:
         """The fastest of them [m/s]."""
@@ -128,4 +143,16 @@ class Clock:
         slack = dx + 0.25 * speed * T
         down = (x.amin(0).cpu() + (v.amin(0).cpu().clamp_max(0) * T + g.clamp_max(0) * T * T / 2)).double() - slack
         up = (x.amax(0).cpu() + (v.amax(0).cpu().clamp_min(0) * T + g.clamp_min(0) * T * T / 2)).double() + slack
+        self._check_places(state, max(float(down.abs().max()), float(up.abs().max())))
         return Grid.around(down.tolist(), up.tolist(), dx, self.scene.scheme.order, self.solver.shift)
+
+    def _check_places(self, state: State, reach: float) -> None:
+        """Refuse places that the precision of a state does not tell apart."""
+        dtype, dx = state.x.dtype, self.scene.dx
+        rounding = 0.5 * torch.finfo(dtype).eps * reach
+        if rounding > FINEST * dx:
+            raise (ValueError if state.time == 0.0 else SimulationDiverged)(
+                f"{str(dtype).removeprefix('torch.')} rounds places to {rounding:.2g} m at {reach:.4g} m from the "
+                f"origin, where particles are to get by t = {state.time + 1.0 / self.scene.fps:.4g} s: more than "
+                f"{FINEST:g} of a cell of {dx:.3g} m; move the scene to the origin, enlarge dx, or use float64"
+            )

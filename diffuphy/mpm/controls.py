@@ -6,7 +6,6 @@ from typing import Any
 
 from torch import Tensor
 
-from diffuphy.mpm.boundary.layout import ANGULAR_VELOCITY, FRICTION, VELOCITY
 from diffuphy.mpm.scene import Scene
 
 
@@ -56,14 +55,7 @@ class Controls:
             walls.append(dataclasses.replace(b, **new))
         return dataclasses.replace(scene, boundaries=tuple(walls), **changes)
 
-    def bars(self, gravity: Tensor | None, walls: Tensor | None) -> tuple[Tensor | None, ...]:
-        """Gradients in the tensors, from those of every node and of the wall data of every round."""
-        rows = None if walls is None else walls.sum(0)
-
-        def of(t: Tensor | None, part: Any) -> Tensor | None:
-            return None if t is None or rows is None else rows[:, part].reshape(t.shape).to(t)
-
-        g = None if self.gravity is None or gravity is None else gravity.sum(0).to(self.gravity)
-        return (
-            g, of(self.friction, FRICTION), of(self.velocity, VELOCITY), of(self.angular_velocity, ANGULAR_VELOCITY)
-        )  # fmt: skip
+    def bars(self, gravity: Tensor | None, walls: tuple[Tensor, ...] | None) -> tuple[Tensor | None, ...]:
+        """Gradients in the tensors, from that of every node in gravity, and those of ``boundary.wall_gradients``."""
+        found = (None if gravity is None else gravity.sum(0), *((None,) * 3 if walls is None else walls))
+        return tuple(None if t is None or g is None else g.to(t) for t, g in zip(self.tensors(), found, strict=True))

@@ -137,11 +137,13 @@ def _make_evaluate(mixture: Any, real: type, what: str) -> Any:
         out: wp.array[real],
     ):
         p = wp.tid()
-        F = eye() + He[p]
+        H = He[p]
         if wp.static(memory):
-            _tau, F, _h = stress(F, w_e[p], w_p[p], theta[p], real(0.0), memory_in[p])
+            _tau, flow, _h = stress(eye() + H, H, w_e[p], w_p[p], theta[p], real(0.0), memory_in[p])
+            H += flow
         elif wp.static(plastic):
-            _tau, F = stress(F, w_e[p], w_p[p], theta[p], real(0.0))
-        out[p] = scalar(F, w_e[p], theta[p])
+            _tau, flow = stress(eye() + H, H, w_e[p], w_p[p], theta[p], real(0.0))
+            H += flow
+        out[p] = scalar(eye() + H, H, w_e[p], theta[p])
 
     return evaluate

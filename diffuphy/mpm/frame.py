@@ -47,7 +47,7 @@ class Frame(torch.autograd.Function):
             (None,) * 6
             + of_state
             + (out.w_e, out.w_p, out.theta, out.m, wave_bar)
-            + controls.bars(out.gravity, out.walls)
+            + controls.bars(out.gravity, ctx.solver.wall_gradients(span, out))
         )
 
 

@@ -72,8 +72,8 @@ def make_gather(variant: Variant) -> SimpleNamespace:
 def _make_gather(variant: Variant) -> SimpleNamespace:
     real, vec3, node_t = variant.real, variant.vec3, variant.node_t
     transfer = make_transfer(variant.scheme, real)
-    weights, inside, cell = transfer.spline.weights, transfer.spline.inside, transfer.spline.cell
-    second, K = make_rows(variant).second, variant.scheme.order + 1
+    inside, cell, gather = transfer.spline.inside, transfer.spline.cell, transfer.gather
+    second, classic = make_rows(variant).second, variant.scheme.force == "classic"
 
     @wp.kernel(module="unique", enable_backward=False)
     def add_forces(
@@ -92,13 +92,10 @@ def _make_gather(variant: Variant) -> SimpleNamespace:
         if not inside(g, n):
             return
         bx, by, bz, f = cell(g)
-        wx, wy, wz = weights(f[0]), weights(f[1]), weights(f[2])
-        dv = vec3()
-        for i in range(wp.static(K)):
-            for j in range(wp.static(K)):
-                o = ((bx + i) * n[1] + by + j) * n[2] + bz
-                for k in range(wp.static(K)):
-                    dv += (wx[i] * wy[j] * wz[k]) * second(acc[o + k])
-        expected_dv[p] = expected_dv[p] + dv
+        if wp.static(classic):
+            mean, _m0, _m1, _m2, _g0, _g1, _g2 = gather(acc, 0, n, bx, by, bz, f)
+        else:
+            mean, _m0, _m1, _m2 = gather(acc, 0, n, bx, by, bz, f)
+        expected_dv[p] = expected_dv[p] + second(mean)
 
     return SimpleNamespace(add_forces=add_forces)

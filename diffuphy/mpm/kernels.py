@@ -1,16 +1,18 @@
 """MPM on the particles, compiled for one variant: particles to grid, grid to particles.
 
-    stress            F = I + H,  (τ_p, Fe_p) = stress(F)
+    stress            F = I + H,  (τ_p, Fe_p − F) = stress(F, H)
     to the grid       m_i = Σ_p w_ip m_p,   q_i = Σ_p w_ip m_p (v_p + C_p d_ip)
                       f_i = k Σ_p [ −V_p τ_p ∇w_ip + w_ip m_p b_p ],   MLS: ∇w_ip → w_ip d_ip / D
     on the grid       see ``nodes``: v⁰_i = q_i/m_i,  v_i = contact(v⁰_i + a*_i)
     to the particles  V = Σ w v_i,  V⁰ = Σ w v⁰_i,  B = Σ w v_i dᵀ/D,  B⁰ = Σ w v⁰_i dᵀ/D,  L = B, classic: Σ v_i ∇wᵀ
-                      v ← V + α (v − V⁰),   C ← B + α (C − B⁰) − (Δt/2)(B L + (B L)ᵀ),   x ← x + Δt v,
+                      v ← V + α (v − V⁰),   C ← B + α (C − B⁰) − Δt turned(B, L),   x ← x + Δt v,
                       H ← Fe − I + Δt L Fe,  ln J ← ln J + ln det(I + Δt L)
 
 d_ip = x_i − x_p, D = Δx²/4 (quadratic) or Δx²/3 (cubic). k is the kick of the substep, half of Δt at both ends of a
-frame: the last substep kicks without drifting, with α = 1. The quadratic term of C is the change of an affine field
-that moves with the matter; it exists only with retention. Jiang et al. 2015; Hu et al. 2018, eqs. 16–17.
+frame: the last substep kicks without drifting, with α = 1. turned(B, L) = sym(B L) is the change of an affine field
+that moves with the matter; it exists only with retention, and is kept from adding to the energy m D |C|²/2: of a drop
+that contracts alone, whose inertia D stays what it is, it would make more and more. Jiang et al. 2015; Hu et al. 2018,
+eqs. 16–17.
 
 A position is kept as X + u with X that of the beginning of the frame, a deformation gradient as H = F − I: increments
 of one substep are far below the rounding of x and of F in float32, but not below that of u and H.
@@ -20,6 +22,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from diffuphy.material import volume
 from diffuphy.mpm.drive import make_drives
 from diffuphy.mpm.rows import make_around, make_rows
 from diffuphy.mpm.transfer import make_transfer
@@ -105,16 +108,15 @@ def _make_p2g(variant: Variant) -> wp.Kernel:
         w_e_p, w_p_p, theta_p = material_of(w_e, w_p, theta, p)
         F = eye() + He[r]
         if wp.static(memory):
-            tau, Fe, h = stress(F, w_e_p, w_p_p, theta_p, dt, memory_in[r])
+            tau, flow_p, h = stress(F, He[r], w_e_p, w_p_p, theta_p, dt, memory_in[r])
             memory_out[to + p] = h
         else:
-            tau, Fe = stress(F, w_e_p, w_p_p, theta_p, dt)
+            tau, flow_p = stress(F, He[r], w_e_p, w_p_p, theta_p, dt)
         if wp.static(plastic):
-            He_out[p] = He[r] + (Fe - F)  # what does not flow keeps the digits that F rounds away
+            He_out[p] = He[r] + flow_p
         if wp.static(branched):
-            FN = eye() + HN[r]
-            tau_N, Fe_N = branch_stress(FN, theta_p, dt)
-            HN_out[p] = HN[r] + (Fe_N - FN)
+            tau_N, flow_N = branch_stress(eye() + HN[r], HN[r], theta_p, dt)
+            HN_out[p] = HN[r] + flow_N
             tau += tau_N
         m_p = m[p]
         v_p = v[r]
@@ -171,7 +173,7 @@ def _make_g2p(variant: Variant) -> wp.Kernel:
         variant.vec3, variant.mat33, variant.node_t, variant.step_t, mixture.memory_t
     )  # fmt: skip
     spline, drives = make_transfer(variant.scheme, real).spline, variant.drives
-    around, log_det = make_around(variant).around, make_rows(variant).log_det
+    around, log_det, turned = make_around(variant).around, make_rows(variant).log_det, make_rows(variant).turned
     inside, cell, eye = spline.inside, spline.cell, spline.eye
     plastic, branched = mixture.is_plastic, len(mixture.branches) > 0
     opens = "log_J" in mixture.memory
@@ -179,7 +181,7 @@ def _make_g2p(variant: Variant) -> wp.Kernel:
     driven, keeps, turns = len(drives) > 0, variant.scheme.keeps, variant.scheme.retain > 0.0
     drive = make_drives(drives, real)
     drive_t, hold = drive.drive_t, drive.hold
-    sparse = variant.sparse
+    sparse, determinant = variant.sparse, volume.build(real).determinant
 
     @wp.kernel(module="unique", enable_backward=False)
     def g2p(
@@ -235,8 +237,7 @@ def _make_g2p(variant: Variant) -> wp.Kernel:
             if wp.static(driven):
                 v_0, C_0 = hold(place, v_0, C_0, tag[p], drive_row, s)
             if wp.static(turns):
-                K = C_p * L
-                C_p -= (real(0.5) * dt) * (K + wp.transpose(K))
+                C_p -= dt * turned(C_p, L)
             v_p += alpha * (v_0 - V_0)
             C_p += alpha * (C_0 - B_0)
         if wp.static(driven):
@@ -244,7 +245,7 @@ def _make_g2p(variant: Variant) -> wp.Kernel:
         L = dt * L
         He_p = He[wp.where(wp.static(plastic), p, r)]
         He_p += L + L * He_p
-        if wp.determinant(eye() + He_p) <= real(0.0):
+        if determinant(eye() + He_p) <= real(0.0):
             wp.atomic_max(status, INVERTED, p + 1)
         if wp.dot(v_p, v_p) * dt * dt > dx * dx:
             wp.atomic_max(status, FAST, p + 1)

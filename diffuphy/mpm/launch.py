@@ -101,15 +101,21 @@ class Arguments:
         """Zeros."""
         return wp.zeros(count, dtype=kind, device=str(self.device))
 
-    def walls(self, span: Span) -> wp.array:
-        """Wall data of every round; one row when all walls stand still."""
-        kind = wp.types.vector(N_WALL, self.variant.real)
-        if not self.boundaries:
-            return wp.zeros((1, 0), dtype=kind, device=str(self.device))
+    def times(self, span: Span) -> np.ndarray:
+        """When walls are looked at, in every round [s]; once when all walls stand still."""
         times = span.start + span.dt * np.arange(1 if self.still else span.steps)
         if span.half_kick and not self.still:  # the last kick belongs to what ends with the frame
             times[-1] -= 1e-6 * span.dt
-        return self.array(rows(self.boundaries, span.grid, times, self.variant.scheme.contact == "elastic"), kind)
+        return times
+
+    def walls(self, span: Span) -> wp.array:
+        """Wall data of these times."""
+        kind = wp.types.vector(N_WALL, self.variant.real)
+        if not self.boundaries:
+            return wp.zeros((1, 0), dtype=kind, device=str(self.device))
+        return self.array(
+            rows(self.boundaries, span.grid, self.times(span), self.variant.scheme.contact == "elastic"), kind
+        )
 
     def driven(self, span: Span, matter: Matter) -> wp.array:
         """Drive data of every round."""

@@ -105,6 +105,7 @@ def backward(b: Bound, bars: Bars, needs: Needs, flowed: tuple[wp.array, wp.arra
     matter = [args.view(t, d) for t, d in bars.matter(v)]
     phases.append(args.record(k.p2g_adjoint, b.particles, [
         a.X, a.u, a.v, a.C, a.He, a.HN, a.memory, *b.matter, b.body, b.tag, b.drive, b.walls, args.sdf, 0, b.low, b.dx,
-        b.n, lanes.particles, b.steps, 0, 0, 0, out, *at_start, *matter, *needs,
+        b.n, lanes.particles, b.steps, 0, 0, 0, out, *at_start, *matter,
+        args.zeros((0, 0), v.real) if bars.push is None else args.view(bars.push, v.real), *needs,
     ]))  # fmt: skip
     return Program(phases)

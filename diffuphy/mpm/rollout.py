@@ -33,6 +33,9 @@ GROWTHS = 6
 """How often the block of a frame may be enlarged, each time twice as much, before the particles are taken to have
 exploded."""
 
+ROOM = 2**20
+"""Nodes that an enlarged block may always have, a hundred megabytes; or eight times those that a frame began with."""
+
 HALVINGS = 4
 """How often the substep of a frame may be halved before its scene is taken to be impossible."""
 
@@ -232,17 +235,24 @@ def _advance(
         SimulationDiverged: naming quantity, particle, substep, time, value, limit and what to change.
     """
     solver, span = clock.solver, clock.span(state)
-    grown = halved = 0
+    first, grown, halved = span.grid, 0, 0
     while True:
         sums = Sums.zero(gather, state.x.detach(), span.grid.nodes) if gather else None
         end, status, kept = solver.advance(state, matter, span, keep, sums)
         trouble = trouble_of(end, status, span)
-        if status[LEFT] and grown < GROWTHS and (trouble is None or _left_first(solver, state, matter, span)):
-            span = dataclasses.replace(span, grid=span.grid.grown(4 * 2**grown))
+        wider = span.grid.grown(4 * 2**grown) if status[LEFT] and grown < GROWTHS else None
+        if (
+            wider is not None
+            and 4 * (2**grown - 1) < span.steps  # nobody crosses more than a cell a substep
+            and wider.nodes <= max(ROOM, 8 * first.nodes)
+            and (trouble is None or _left_first(solver, state, matter, span))
+        ):
+            span = dataclasses.replace(span, grid=wider)
             grown += 1
             continue
-        if trouble is None:
-            trouble = trouble_of(end, status, span, left=True) or _outrun(clock, end, span)
+        if trouble is None and (gone := trouble_of(end, status, span, left=True)) is not None:
+            raise blame(clock, state, matter, span, frame, gone)  # as far in shorter substeps
+        trouble = trouble or _outrun(clock, end, span)
         if trouble is None:
             taken = (None, None) if sums is None else (sums.expected_dv, sums.impulse)
             part = solver.active(state, span)
@@ -253,14 +263,17 @@ def _advance(
             return end, kept, span, report
         if clock.dt is not None or halved == HALVINGS:
             raise blame(clock, state, matter, span, frame, trouble)
-        span, halved = clock.halved(span), halved + 1
+        span, grown, halved = dataclasses.replace(clock.halved(span), grid=first), 0, halved + 1
 
 
 def _left_first(solver: Solver, state: State, matter: Matter, span: Span) -> bool:
-    """Whether a particle left the block before anything else went wrong: then that may be all that did."""
-    for _, status, _ in solver.watch(state, matter, span):
-        if any(status):
-            return status[LEFT] > 0
+    """Whether a particle left the block before anything else went wrong: then that may be all that did. One whose place
+    is no number has not left: something went wrong a round before."""
+    for _, status, end in solver.watch(state, matter, span):
+        if status[LEFT] and bool(torch.isfinite(end.x[status[LEFT] - 1]).all()):
+            return True
+        if trouble_of(end, status, span) is not None:
+            return False
     return False
 
 

@@ -2,9 +2,11 @@
 
 from functools import lru_cache
 from types import SimpleNamespace
+from typing import Any
 
 import warp as wp
 
+from diffuphy.material import volume
 from diffuphy.mpm.boundary import make_contact
 from diffuphy.mpm.transfer import make_transfer
 from diffuphy.mpm.variant import Variant
@@ -21,6 +23,7 @@ def _make_rows(v: Variant) -> SimpleNamespace:
     nearest, wall_t = contact.nearest, contact.wall_t
     real, vec3, mat33, node_t, mixture = v.real, v.vec3, v.mat33, v.node_t, v.mixture
     w_e_t, w_p_t, theta_t = mixture.w_e_t, mixture.w_p_t, mixture.theta_t
+    log_det = volume.build(real).log_det
     mixes_e, mixes_p = mixture.Ke > 1, mixture.Kp > 1
 
     @wp.func(module="unique")
@@ -67,18 +70,32 @@ def _make_rows(v: Variant) -> SimpleNamespace:
         return bar + bar * wp.transpose(H), bar + wp.transpose(L) * bar
 
     @wp.func(module="unique")
-    def log_det(L: mat33) -> real:
-        """ln det(I + L) to the digits of L: ln u · y/(u − 1) makes good the rounding of u = 1 + y (Kahan)."""
-        minors = (
-            L[0, 0] * L[1, 1] - L[0, 1] * L[1, 0]
-            + L[1, 1] * L[2, 2] - L[1, 2] * L[2, 1]
-            + L[2, 2] * L[0, 0] - L[2, 0] * L[0, 2]
-        )  # fmt: skip
-        y = wp.trace(L) + minors + wp.determinant(L)
-        u = real(1.0) + y
-        if u == real(1.0):
-            return y
-        return wp.log(u) * (y / (u - real(1.0)))
+    def turned(B: mat33, L: mat33) -> mat33:
+        """S = sym(B L), how fast an affine field changes that moves with the matter, less what would add to its energy:
+        S − min(0, E : S) E/(E : E), E = sym B."""
+        K = B * L
+        S = real(0.5) * (K + wp.transpose(K))
+        E = real(0.5) * (B + wp.transpose(B))
+        work = wp.ddot(E, S)
+        if work < real(0.0):
+            S -= (work / wp.ddot(E, E)) * E
+        return S
+
+    @wp.func(module="unique")
+    def turned_adjoint(B: mat33, L: mat33, bar: mat33):
+        """Adjoint of ``turned`` in B and in L."""
+        K = B * L
+        S = real(0.5) * (K + wp.transpose(K))
+        E = real(0.5) * (B + wp.transpose(B))
+        S_bar = real(0.5) * (bar + wp.transpose(bar))
+        B_bar = mat33()
+        work = wp.ddot(E, S)
+        if work < real(0.0):
+            e = wp.ddot(E, E)
+            along = wp.ddot(E, S_bar) / e
+            B_bar = (-along) * S + (real(2.0) * work * along / e) * E - (work / e) * S_bar  # symmetric, as E is
+            S_bar -= along * E
+        return B_bar + S_bar * wp.transpose(L), wp.transpose(B) * S_bar
 
     @wp.func(module="unique")
     def material_of(w_e: wp.array[w_e_t], w_p: wp.array[w_p_t], theta: wp.array[theta_t], p: wp.int32):
@@ -102,13 +119,14 @@ def _make_rows(v: Variant) -> SimpleNamespace:
     return SimpleNamespace(
         row=row, placed=placed, beside=beside, wall_t=wall_t, first=first, second=second, column=column,
         moments=moments, affine=affine, material_of=material_of, carried_adjoint=carried_adjoint, log_det=log_det,
+        turned=turned, turned_adjoint=turned_adjoint,
     )  # fmt: skip
 
 
 @lru_cache
 def make_around(variant: Variant) -> SimpleNamespace:
-    """Warp functions ``fields``: B, L, V, and V⁰ and B⁰ at a particle, the last two only if particles keep something of
-    their velocity, from sums over nodes; and ``around``: the same from the nodes."""
+    """Warp functions ``around``: B, L, V, and V⁰ and B⁰ at a particle, the last two only if particles keep something of
+    their velocity; and ``surveyed``: the same from what was summed for an adjoint."""
     real, vec3, mat33, node_t = variant.real, variant.vec3, variant.mat33, variant.node_t
     gather, rows = make_transfer(variant.scheme, real).gather, make_rows(variant)
     first, second, moments = rows.first, rows.second, rows.moments
@@ -144,4 +162,10 @@ def make_around(variant: Variant) -> SimpleNamespace:
         B, L, V, V_0, B_0 = fields(sum, m0, m1, m2, g0, g1, g2, f, idx)
         return B, L, V, V_0, B_0
 
-    return SimpleNamespace(fields=fields, around=around)
+    @wp.func(module="unique")
+    def surveyed(rows: Any, f: vec3, idx: real):
+        """B, L, V⁰ and B⁰ from the rows of a ``survey``."""
+        B, L, _V, V_0, B_0 = fields(rows[0], rows[1], rows[2], rows[3], rows[4], rows[8], rows[12], f, idx)
+        return B, L, V_0, B_0
+
+    return SimpleNamespace(around=around, surveyed=surveyed)

@@ -38,7 +38,7 @@ class Scene:
     drives: tuple[Drive, ...] = ()
     """What else acts on particles: impulses, force fields, particles that are held; see ``mpm.drive``."""
     cfl: float = 0.4
-    """Δt (c + |v|) / Δx, the cells that a wave crosses in a substep [-]. Explicit steps are stable to about 0.8; half
+    """Δt (c + |v|) / Δx, the cells that a wave crosses in a substep [-]. Explicit steps are stable to 0.75; half
     of it leaves room for stiffening while a body is squeezed."""
 
     scheme: Scheme = Scheme()

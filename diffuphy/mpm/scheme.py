@@ -5,7 +5,7 @@ The default is MLS-APIC with four additions, each of which can be turned off:
     half kick     velocities are advanced half a step first and last in a frame (kick–drift–kick): second order in Δt
     mirror walls  slip and sticky walls on a plane of nodes reflect mass and momentum: second order in Δx at the wall
     sharpening    a* = a + S a / m on the grid takes out the inertia m D |C|²/2 that the affine field adds to a mode
-    retention     v' = V + α (v − V⁰), α = exp(−Δt/τ): what the grid cannot see dies with a time, not with a step
+    retention     v' = V + α (v − V⁰), α = 1 − Δt/τ: what the grid cannot see dies with a time, not with a step
 
 ``Scheme.mls()`` and ``Scheme.apic()`` are the plain schemes (Hu et al. 2018; Jiang et al. 2015) for comparison.
 """

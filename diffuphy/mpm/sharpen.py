@@ -37,6 +37,18 @@ def _make_sharpening(v: Variant) -> SimpleNamespace:
         )  # fmt: skip
 
     @wp.func(module="unique")
+    def neighbour(at: wp.vec3i, axis: wp.int32, step: wp.int32, n: wp.vec3i) -> wp.int32:
+        """Number of the node at the other end of an edge, ``step`` ±1 along an axis; negative outside the block."""
+        i, j, k = at[0], at[1], at[2]
+        if axis == 0:
+            i = i + step
+        if axis == 1:
+            j = j + step
+        if axis == 2:
+            k = k + step
+        return flat(i, j, k, n)
+
+    @wp.func(module="unique")
     def gradient(a: wp.array[node_t], base: wp.int32, at: wp.vec3i, n: wp.vec3i, offset: wp.int32) -> mat33:
         """G = Σ_r a_r s_rᵀ of three numbers of each corner, from place ``offset`` of its row on."""
         G = mat33()
@@ -111,15 +123,7 @@ def _make_sharpening(v: Variant) -> SimpleNamespace:
         edge = strength
         for axis in range(3):
             for side in range(2):
-                step = 2 * side - 1
-                i, j, k = at[0], at[1], at[2]
-                if axis == 0:
-                    i = i + step
-                if axis == 1:
-                    j = j + step
-                if axis == 2:
-                    k = k + step
-                nb = flat(i, j, k, n)
+                nb = neighbour(at, axis, 2 * side - 1, n)
                 if nb >= 0:
                     total[axis] = total[axis] + edge * wp.min(m, acc[base + nb][3]) * (
                         own[4 + axis] - a[base + nb][4 + axis]
@@ -171,15 +175,7 @@ def _make_sharpening(v: Variant) -> SimpleNamespace:
                     total += q[6]
         for axis in range(3):
             for side in range(2):
-                step = 2 * side - 1
-                i, j, k = at[0], at[1], at[2]
-                if axis == 0:
-                    i = i + step
-                if axis == 1:
-                    j = j + step
-                if axis == 2:
-                    k = k + step
-                nb = flat(i, j, k, n)
+                nb = neighbour(at, axis, 2 * side - 1, n)
                 if nb >= 0:
                     other = acc[base + nb][3]
                     if m < other or (m == other and side == 1):

@@ -14,8 +14,8 @@ from torch import Tensor
 
 from diffuphy.mpm.active import Active, active
 from diffuphy.mpm.adjoint import Needs
-from diffuphy.mpm.boundary import N_WALL, Boundary, can_be_elastic, signature
-from diffuphy.mpm.drive import Drive, drive_signature
+from diffuphy.mpm.boundary import N_WALL, Boundary, can_be_elastic, signature, wall_gradients
+from diffuphy.mpm.drive import Drive, drive_signature, make_drives, mass_gradient
 from diffuphy.mpm.gather import Sums
 from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.launch import Arguments, Bound, Lanes
@@ -263,7 +263,15 @@ class Solver:
                     for r in backwards:
                         back.run([r], before)
                         watch(r["s"], bars)
-        return bars
+        if bars.push is None or bars.m is None or matter.tag is None:
+            return bars
+        shared = mass_gradient(self._args.drives, matter.m, matter.tag, bars.push)
+        return dataclasses.replace(bars, m=bars.m + shared)
+
+    def wall_gradients(self, span: Span, bars: Bars) -> tuple[Tensor, Tensor, Tensor] | None:
+        """Gradients in friction, velocity and angular velocity of the walls, from those in their data."""
+        args = self._args
+        return None if bars.walls is None else wall_gradients(args.boundaries, args.times(span), bars.walls)
 
     def _segment(self, state: State, span: Span) -> int:
         """Rounds that are kept at once unless told otherwise."""
@@ -278,6 +286,8 @@ class Solver:
         new = matter.m.new_zeros
         if gravity:
             more["gravity"] = new(span.grid.nodes * self._args.lanes.scenes, 3)
+        if needs[3] and (impulses := make_drives(self.variant.drives, self.variant.real).impulses):
+            more["push"] = new(len(matter.m), impulses)
         if wave and self.scheme.keeps:
             more["alpha"] = new(len(matter.m))
         if self.variant.elastic:

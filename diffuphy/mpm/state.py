@@ -132,6 +132,8 @@ class Bars:
     """In ω² of contact, a row a node, shape (nodes,)."""
     walls: Tensor | None = None
     """In the wall data of every round, shape (steps, walls, N_WALL)."""
+    push: Tensor | None = None
+    """b̄ · b of every impulse, shape (N, impulses)."""
 
     def state(self, v: Variant) -> list[tuple[Tensor | None, Any]]:
         """Gradients of a state with their Warp types."""
@@ -185,10 +187,37 @@ def check(x: Tensor, vol: Tensor, field: MaterialField) -> None:
             )
 
 
+SIMPLEX = 1e-5
+"""How far a weight may be below 0, and the sum of a row from 1 [-]: some ten ulp of float32 for each of ten laws."""
+
+
+def check_weights(field: MaterialField) -> None:
+    """Refuse weights that are not on the simplex: stresses would not be a mean of those of the laws.
+
+    Raises:
+        ValueError: naming the first particle, its row and what is allowed.
+    """
+    for name, names, w in (("w_e", field.elastic, field.w_e), ("w_p", field.plastic, field.w_p)):
+        w = w.detach()
+        good = (w >= -SIMPLEX).all(1) & ((w.sum(1) - 1.0).abs() <= SIMPLEX)
+        if not bool(good.all()):
+            p = int((~good).nonzero()[0])
+            raise ValueError(
+                f"{name} of particle {p} is {[float(f'{a:.6g}') for a in w[p].tolist()]} for {tuple(names)}; weights "
+                f"must be at least 0 and sum to 1, these sum to {float(w[p].sum()):.6g}: divide rows by their sums, or "
+                "make them by material.decoder.gate"
+            )
+
+
 def make_matter(
     field: MaterialField, vol: Tensor, params: tuple[str, ...], dtype: torch.dtype, grad: bool = True
 ) -> Matter:
-    """The tensors of a field as the kernels read them; still part of the graph if ``grad``."""
+    """The tensors of a field as the kernels read them; still part of the graph if ``grad``.
+
+    Raises:
+        ValueError: weights off the simplex, or a parameter that is missing.
+    """
+    check_weights(field)
     if missing := [p for p in params if p not in field.theta]:
         raise ValueError(
             f"the laws {(*field.elastic, *field.plastic)} need the parameter {missing[0]!r}; theta has "
@@ -240,7 +269,7 @@ def check_state(state: State, mixture: Any) -> None:
     Raises:
         ValueError: naming the field and the first bad particle.
     """
-    F = state.He.detach() + torch.eye(3).to(state.He)
+    F = (state.He.detach() + torch.eye(3).to(state.He)).double()  # float32 loses the sign at a condition of 1e3
     if bool((bad := ~(torch.linalg.det(F) > 0)).any()):
         p = int(bad.nonzero()[0])
         raise ValueError(

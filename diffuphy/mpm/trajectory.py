@@ -22,7 +22,7 @@ log = logging.getLogger(__name__)
 class Simulate:
     """Plays the scene of the prompt's motion word with the object's particles."""
 
-    VERSION: ClassVar[int] = 3
+    VERSION: ClassVar[int] = 4
 
     seconds: float = 2.0
     """Length of the film in physical time [s]."""
@@ -33,7 +33,7 @@ class Simulate:
     friction: float = 0.5
     """Coulomb coefficient of the floor, plate and ball [-]."""
     cfl: float = 0.4
-    """Courant number; explicit steps are stable to about 0.8."""
+    """Courant number; explicit steps are stable to 0.75."""
     scheme: Scheme = Scheme(contact="elastic")
     """Transfer between particles and grid, walls and time integration; with elastic contact things touch the floor."""
     double: bool = False

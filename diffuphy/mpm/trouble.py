@@ -14,6 +14,9 @@ from diffuphy.mpm.span import Span
 from diffuphy.mpm.state import Bars, Matter, State
 from diffuphy.types import SimulationDiverged
 
+GONE = "left every block of nodes"
+"""What a particle did that got further in a frame than was to be foreseen."""
+
 
 @dataclass(frozen=True)
 class Trouble:
@@ -35,8 +38,9 @@ def trouble_of(end: State, status: list[int], span: Span, left: bool = False) ->
     """
     if status[INVERTED]:
         p = status[INVERTED] - 1
-        det = float(torch.linalg.det(end.He[p] + torch.eye(3).to(end.He)))
-        return Trouble("was turned inside out (det F ≤ 0)", p, f"det F = {det:.4g}, must be positive")
+        det = float(torch.linalg.det(end.He[p].double() + torch.eye(3).to(end.He.device).double()))
+        must = "must be positive" if not det > 0.0 else f"must be positive after rounding to {end.He.dtype}"
+        return Trouble("was turned inside out (det F ≤ 0)", p, f"det F = {det:.4g}, {must}")
     if status[FAST]:
         p = status[FAST] - 1
         cells = float(end.v[p].norm()) * span.dt / span.grid.dx
@@ -53,7 +57,7 @@ def trouble_of(end: State, status: list[int], span: Span, left: bool = False) ->
         p, grid = status[LEFT] - 1, span.grid
         high = [a + n * grid.dx for a, n in zip(grid.low, grid.shape, strict=True)]
         where = f"x = {_text(end.x[p])} m, nodes reach from {_text(grid.low)} to {_text(high)} m"
-        return Trouble("left every block of nodes", p, where)
+        return Trouble(GONE, p, where)
     return None
 
 
@@ -69,10 +73,13 @@ def blame(clock: Clock, start: State, matter: Matter, span: Span, frame: int, kn
     c, speed = float(clock.rest[p]), float(end.v[p].norm())
     before = float(start.v[p].norm())
     courant = span.dt * (c + (speed if math.isfinite(speed) else before)) / span.grid.dx
-    if clock.dt is not None:
+    if found.what == GONE:
+        remedy = "raise fps, so that blocks are made for the speeds of a shorter time, or keep it in with walls"
+    elif clock.dt is not None:
         remedy = f"lower dt below {span.dt:.3g} s, or leave it out"
     else:
-        remedy = f"lower cfl below {courant if 0.0 < courant < clock.scene.cfl else 0.5 * clock.scene.cfl:.3g}"
+        below = courant if 0.0 < courant < clock.scene.cfl else 0.5 * clock.scene.cfl
+        remedy = f"shorter substeps did not help: slow it down, make it stiffer, or lower cfl below {below:.3g}"
     return SimulationDiverged(
         f"particle {p} {found.what} in frame {frame} (substep {min(s, span.n_sub - 1)} of {span.n_sub}, "
         f"t = {t:.6g} s): {found.quantity}; x = {_text(end.x[p])} m, |v| = {speed:.3g} m/s, at the start of the "

@@ -15,7 +15,7 @@ DEFAULTS = {
 }  # fmt: skip
 """Parameters of the tests: a strain of 0.1 is well beyond yield."""
 
-OUTPUTS = ("tau", "Fe", "psi", "wave", "valid", "F_bar", "w_e_bar", "w_p_bar", "theta_bar", "h_out", "h_in_bar")
+OUTPUTS = ("tau", "Fe", "flow", "psi", "wave", "valid", "F_bar", "w_e_bar", "w_p_bar", "theta_bar", "h_out", "h_in_bar")
 
 
 @cache
@@ -27,10 +27,11 @@ def kernel(mixture: Mixture) -> Any:
 
     @wp.kernel(module="unique", enable_backward=False)
     def evaluate(
-        F: wp.array(dtype=mat33), w_e: wp.array(dtype=w_e_t), w_p: wp.array(dtype=w_p_t),
+        F: wp.array(dtype=mat33), H: wp.array(dtype=mat33), w_e: wp.array(dtype=w_e_t), w_p: wp.array(dtype=w_p_t),
         theta: wp.array(dtype=theta_t), dt: real, tau_bar: wp.array(dtype=mat33), Fe_bar: wp.array(dtype=mat33),
         h: wp.array(dtype=memory_t), h_bar: wp.array(dtype=memory_t),
-        tau: wp.array(dtype=mat33), Fe: wp.array(dtype=mat33), psi: wp.array(dtype=real), wave: wp.array(dtype=real),
+        tau: wp.array(dtype=mat33), Fe: wp.array(dtype=mat33), flow: wp.array(dtype=mat33),
+        psi: wp.array(dtype=real), wave: wp.array(dtype=real),
         valid: wp.array(dtype=int),
         F_bar: wp.array(dtype=mat33), w_e_bar: wp.array(dtype=w_e_t), w_p_bar: wp.array(dtype=w_p_t),
         theta_bar: wp.array(dtype=theta_t),
@@ -38,19 +39,20 @@ def kernel(mixture: Mixture) -> Any:
     ):  # fmt: skip
         p = wp.tid()
         if wp.static(memory):
-            tau_p, Fe_p, h_p = mixture.stress(F[p], w_e[p], w_p[p], theta[p], dt, h[p])
+            tau_p, flow_p, h_p = mixture.stress(F[p], H[p], w_e[p], w_p[p], theta[p], dt, h[p])
             a, b, c, d, e = mixture.stress_adjoint(
-                F[p], w_e[p], w_p[p], theta[p], dt, tau_bar[p], Fe_bar[p], h[p], h_bar[p]
+                F[p], H[p], w_e[p], w_p[p], theta[p], dt, tau_bar[p], Fe_bar[p], h[p], h_bar[p]
             )
             h_out[p] = h_p
             h_in_bar[p] = e
         else:
-            tau_p, Fe_p = mixture.stress(F[p], w_e[p], w_p[p], theta[p], dt)
-            a, b, c, d = mixture.stress_adjoint(F[p], w_e[p], w_p[p], theta[p], dt, tau_bar[p], Fe_bar[p])
+            tau_p, flow_p = mixture.stress(F[p], H[p], w_e[p], w_p[p], theta[p], dt)
+            a, b, c, d = mixture.stress_adjoint(F[p], H[p], w_e[p], w_p[p], theta[p], dt, tau_bar[p], Fe_bar[p])
         tau[p] = tau_p
-        Fe[p] = Fe_p
-        psi[p] = mixture.energy(Fe_p, w_e[p], theta[p])
-        wave[p] = mixture.wave(F[p], w_e[p], theta[p])
+        Fe[p] = F[p] + flow_p
+        flow[p] = flow_p
+        psi[p] = mixture.energy(F[p] + flow_p, H[p] + flow_p, w_e[p], theta[p])
+        wave[p] = mixture.wave(F[p], H[p], w_e[p], theta[p])
         valid[p] = int(mixture.valid(F[p]))
         F_bar[p] = a
         w_e_bar[p] = b
@@ -65,6 +67,7 @@ def evaluate(
     plastic: tuple[str, ...],
     F: np.ndarray,
     *,
+    H: np.ndarray | None = None,
     w_e: np.ndarray | None = None,
     w_p: np.ndarray | None = None,
     theta: np.ndarray | None = None,
@@ -76,8 +79,8 @@ def evaluate(
     memory_bar: dict[str, np.ndarray] | None = None,
     real: Any = wp.float64,
 ) -> dict[str, np.ndarray]:
-    """All outputs of the mixture at states F (N, 3, 3); uniform weights, ``DEFAULTS`` and new matter (ln J = ln det F,
-    no slip, no heat) unless given. Also ``log_J``, ``slip``, ``heat`` after the step and their gradients."""
+    """All outputs of the mixture at states F (N, 3, 3), with H = F − I, uniform weights, ``DEFAULTS`` and new matter
+    (ln J = ln det F, no slip, no heat) unless given. Also ``log_J``, ``slip``, ``heat`` afterwards, and gradients."""
     m = make_mixture(elastic, plastic, real)
     n, dtype = len(F), np.float32 if real is wp.float32 else np.float64
     if theta is None:
@@ -89,13 +92,21 @@ def evaluate(
         value = np.zeros((n, 3, 3)) if value is None else value
         return wp.array(np.ascontiguousarray(value, dtype=dtype), dtype=kind, device="cpu")
 
-    inputs = [array(F, m.mat33), array(w_e, m.w_e_t), array(w_p, m.w_p_t), array(theta, m.theta_t), dt]
+    H = np.asarray(F, dtype=dtype) - np.eye(3, dtype=dtype) if H is None else H
+    inputs = [
+        array(F, m.mat33),
+        array(H, m.mat33),
+        array(w_e, m.w_e_t),
+        array(w_p, m.w_p_t),
+        array(theta, m.theta_t),
+        dt,
+    ]
     with np.errstate(invalid="ignore"):
         past = {"log_J": np.log(np.linalg.det(F)), "slip": np.zeros(n), "heat": np.zeros(n), **(memory or {})}
     bars = {k: np.zeros(n) for k in past} | (memory_bar or {})
     h, h_bar = (np.stack([x[k] for k in m.memory or ("log_J",)], 1) for x in (past, bars))
     inputs += [array(tau_bar, m.mat33), array(Fe_bar, m.mat33), array(h, m.memory_t), array(h_bar, m.memory_t)]
-    kinds = (m.mat33, m.mat33, real, real, int, m.mat33, m.w_e_t, m.w_p_t, m.theta_t, m.memory_t, m.memory_t)
+    kinds = (m.mat33, m.mat33, m.mat33, real, real, int, m.mat33, m.w_e_t, m.w_p_t, m.theta_t, m.memory_t, m.memory_t)
     outputs = [wp.zeros(n, dtype=k, device="cpu") for k in kinds]
     wp.launch(kernel(m), dim=n, inputs=inputs, outputs=outputs, device="cpu")
     out = {name: o.numpy() for name, o in zip(OUTPUTS, outputs, strict=True)}

@@ -9,7 +9,7 @@ import pytest
 import torch
 import warp as wp
 
-from diffuphy.material import make_mixture, wave_speed
+from diffuphy.material import linalg, make_mixture, wave_speed
 from diffuphy.material.moduli import lame
 from tests.material.evaluate import generic, rotations, special, stretched
 
@@ -24,6 +24,7 @@ def beside_neo_hookean() -> tuple[Any, Any]:
     """The mixture and a kernel of all that its branch does."""
     m = make_mixture(("neo_hookean",), (), wp.float64, ("maxwell",))
     mat33, theta_t, w_t, real = m.mat33, m.theta_t, m.w_e_t, m.real
+    eye = linalg.build(real).eye
 
     @wp.kernel(module="unique", enable_backward=False)
     def run(
@@ -33,14 +34,15 @@ def beside_neo_hookean() -> tuple[Any, Any]:
         F_bar: wp.array(dtype=mat33), theta_bar: wp.array(dtype=theta_t), wave: wp.array(dtype=real),
     ):  # fmt: skip
         p = wp.tid()
-        tau_p, Fe_p = m.branch_stress(F[p], theta[p], dt)
+        H = F[p] - eye()
+        tau_p, flow_p = m.branch_stress(F[p], H, theta[p], dt)
         tau[p] = tau_p
-        Fe[p] = Fe_p
-        psi[p] = m.branch_energy(Fe_p, theta[p])
-        a, b = m.branch_stress_adjoint(F[p], theta[p], dt, tau_bar[p], Fe_bar[p])
+        Fe[p] = F[p] + flow_p
+        psi[p] = m.branch_energy(F[p] + flow_p, H + flow_p, theta[p])
+        a, b = m.branch_stress_adjoint(F[p], H, theta[p], dt, tau_bar[p], Fe_bar[p])
         F_bar[p] = a
         theta_bar[p] = b
-        wave[p] = m.wave(F[p], w_t(), theta[p])
+        wave[p] = m.wave(F[p], H, w_t(), theta[p])
 
     return m, run
 

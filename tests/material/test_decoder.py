@@ -50,6 +50,22 @@ def test_sparsemax_in_two_dimensions_is_a_clipped_ramp():
     torch.testing.assert_close(w, ((t + 1) / 2).clamp(0, 1), rtol=0, atol=1e-15)
 
 
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])
+def test_sparsemax_in_half_precision_is_that_of_the_same_logits(dtype):
+    """w and J of the rounded logits, rounded once: ½ ulp of 1; also where the sums of half precision lose the support,
+    as of equal and of large logits."""
+    ulp = torch.finfo(dtype).eps
+    z = torch.cat([3 * normal(50, 7), torch.zeros(1, 7), 500 + normal(20, 7)]).to(dtype).requires_grad_()
+    exact = z.detach().double().requires_grad_()
+    w, w_exact = sparsemax(z), sparsemax(exact)
+    assert w.dtype == dtype
+    assert float((w.double() - w_exact).detach().abs().max()) <= ulp / 2
+    bar = normal(*z.shape, seed=4).to(dtype)
+    (z_bar,), (z_exact,) = torch.autograd.grad(w, z, bar), torch.autograd.grad(w_exact, exact, bar.double())
+    assert z_bar.dtype == dtype
+    assert float((z_bar.double() - z_exact).abs().max()) <= ulp * float(z_exact.abs().max())
+
+
 def test_sparsemax_has_its_exact_gradient():
     """J = diag(s) − s sᵀ/|s| against central differences, away from the kinks."""
     z = normal(20, 4, seed=3).requires_grad_()

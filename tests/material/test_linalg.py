@@ -39,7 +39,7 @@ def decompose(F: np.ndarray, real: type) -> tuple[np.ndarray, ...]:
         e: wp.array(dtype=vec3),
     ):
         p = wp.tid()
-        B_p, V_p, s_p, e_p = f.principal(F[p])
+        B_p, V_p, s_p, _d, e_p = f.principal(F[p], F[p] - f.eye())
         B[p] = B_p
         V[p] = V_p
         s[p] = s_p

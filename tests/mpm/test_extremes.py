@@ -321,3 +321,25 @@ def test_d15_a_long_flight_keeps_mass_momentum_and_time(dtype):
 def test_d_a_message_never_hides_a_number():
     """What diverges is an exception of its own kind, so that a caller can tell it from bad input."""
     assert issubclass(SimulationDiverged, RuntimeError) and not issubclass(SimulationDiverged, ValueError)
+
+
+def test_d7c_float32_is_refused_where_it_does_not_tell_places_apart():
+    """2⁻²⁴ |x| > Δx/64: two hundred kilometres away cells of 5 cm are 3 roundings wide. Below that, and in float64,
+    it runs; a body that flies there is stopped when it would arrive."""
+    limit = 2.0**18 * DX
+    for dtype, place, fine in (
+        (torch.float32, 0.9 * limit, True),
+        (torch.float32, 1.1 * limit, False),
+        (torch.float64, 1.1 * limit, True),
+    ):
+        x, vol, f = cube(dtype)
+        there = x + x.new_tensor([place, 0.0, 0.0])
+        if fine:
+            assert bool(torch.isfinite(rollout(FREE, there, vol, f).x).all())
+            continue
+        with pytest.raises(ValueError, match=r"float32 rounds places to .* m from the origin.*use float64"):
+            rollout(FREE, there, vol, f)
+    x, vol, f = cube(torch.float32)
+    fast = dataclasses.replace(FREE, fps=1e3, frames=3, velocity=(0.4 * limit / 1e-3, 0.0, 0.0))
+    with pytest.raises((SimulationDiverged, ValueError), match=r"float32 rounds places|substeps"):
+        rollout(fast, x, vol, f)

@@ -1,7 +1,6 @@
 """Sums over the substeps of a frame: what they are, what they add up to, and that nobody pays who does not ask."""
 
 import dataclasses
-import math
 
 import numpy as np
 import pytest
@@ -71,7 +70,7 @@ def sums(x, v, C, tau, m, vol):
 def test_one_substep_is_what_numpy_sums_up(elastic, plastic, scheme):
     """expected_dv = Σ k (Σ_i w_ip f_i/m_i + g) over the kicks k: Δt, or Δt/2 before and after the drift. What it
     leaves of the velocity change is the filter (1 − α)(Σ_i w_ip v⁰_i − v_p) + Σ_i w_ip (S a)_i/m_i, with v⁰_i the
-    velocity that particles alone bring to a node and α = exp(−Δt c/Δx), in the last kick 1."""
+    velocity that particles alone bring to a node and α = 1 − Δt c/Δx, in the last kick 1."""
     x, vol, v = brick()
     f = field(len(x), (elastic,), (plastic,), yield_stress=50.0)
     scene = dataclasses.replace(FREE, fps=20000.0, frames=1, velocity=(0.0, 0.0, 0.0), scheme=scheme)
@@ -87,7 +86,7 @@ def test_one_substep_is_what_numpy_sums_up(elastic, plastic, scheme):
     params = {name: values[0].item() for name, values in f.theta.items()}
     kicks = [(state, dt, dt, 0.0)]
     if scheme.half_kick:
-        kicks = [(state, dt / 2, dt, math.exp(-dt * report.wave / DX)), (end, dt / 2, 0.0, 1.0)]
+        kicks = [(state, dt / 2, dt, 1.0 - dt * report.wave / DX), (end, dt / 2, 0.0, 1.0)]
     expected, filtered = np.zeros((len(x), 3)), np.zeros((len(x), 3))
     for s, kick, drift, alpha in kicks:
         F = s.He + torch.eye(3, dtype=x.dtype)

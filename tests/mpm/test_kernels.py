@@ -64,11 +64,14 @@ SPLINE = {"weights", "inside", "cell", "eye"}
 NEEDED = {
     "p2g": SPLINE
     | {"row", "column", "placed", "beside", "bring", "scatter", "plus", "add"}
-    | {"material_of", "stress", "direct", "lame_theta", "log"},
+    | {"material_of", "stress", "direct", "lame_theta"}
+    | {"strain", "gram", "volume", "dilation", "growth", "determinant", "eliminated", "log1p", "log"},
     "divide": {"index", "summed"},
     "cells": {"index", "flat", "corner", "gradient", "lightest", "packed"},
-    "move": {"index", "flat", "corner", "sharpened", "free", "summed"},
-    "g2p": SPLINE | {"around", "fields", "first", "second", "gather", "plus", "take", "moments"},
+    "move": {"index", "flat", "corner", "neighbour", "sharpened", "free", "summed"},
+    "g2p": SPLINE
+    | {"around", "fields", "first", "second", "gather", "plus", "take", "moments", "turned", "determinant"}
+    | {"eliminated"},
 }
 """All that a neo-Hookean body in free space may call; the logarithm is that of its law."""
 

@@ -259,3 +259,22 @@ def test_one_solver_a_thread_gives_the_same_bits():
     with ThreadPoolExecutor(2) as pool:
         together = list(pool.map(lambda s: rollout(scene, x * s, vol, f).x, (1.0, 1.1)))
     assert all(torch.equal(a, b) for a, b in zip(alone, together, strict=True))
+
+
+def test_waves_are_evaluated_once_a_frame(monkeypatch):
+    """Those at the end of a frame are those at the beginning of the next: T + 1 evaluations of T frames, also with
+    gradients, and another when a state is changed in place."""
+    from diffuphy.mpm import clock
+
+    count, waves = [], clock.waves
+    monkeypatch.setattr(clock, "waves", lambda *a: (count.append(1), waves(*a))[1])
+    x, vol = block((1, 1, 1), 0.1, (0.013, 0.021, 0.337))
+    scene = Scene(dx=0.1, fps=100.0, frames=3, boundaries=(), lift=None)
+    for grad in (False, True):
+        count.clear()
+        rollout(scene, x.clone().requires_grad_(grad), vol, field(len(x)), grad=grad)
+        assert len(count) == 4
+    count.clear()
+    for state in simulate(scene, x, vol, field(len(x))):
+        state.He += 1e-3
+    assert len(count) > 4

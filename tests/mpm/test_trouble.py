@@ -6,7 +6,8 @@ import re
 import pytest
 import torch
 
-from diffuphy.mpm import FrameReport, HalfSpace, Scene, backward_bytes, rollout, simulate
+from diffuphy.mpm import FrameReport, Grid, HalfSpace, Scene, Solver, Span, State, backward_bytes, rollout, simulate
+from diffuphy.mpm.rollout import ROOM, _left_first
 from diffuphy.mpm.solver import segment_of, state_bytes
 from diffuphy.types import SimulationDiverged
 from tests.mpm.bodies import block, field
@@ -30,13 +31,58 @@ def test_divergence_names_everything_and_the_first_bad_substep():
     found = re.search(
         r"particle (\d+) was turned inside out .* in frame (\d+) \(substep (\d+) of (\d+), t = (\S+) s\): "
         r"det F = (\S+), must be positive; x = .* m, \|v\| = .* m/s, .* Δt = (\S+) s, CFL = \S+; "
-        r"lower cfl below (\S+)$",
+        r"shorter substeps did not help: .*lower cfl below (\S+)$",
         text,
     )
     assert found, text
     p, frame, s, n, t, det, dt, cfl = (float(a) for a in found.groups())
     assert 0 <= p < len(x) and frame == 0 and 0 < s < n and det <= 0.0 and 0.0 < cfl < FREE.cfl
     assert t == pytest.approx((s + 1) * dt, rel=5e-3)  # three digits of Δt
+
+
+class Watched:
+    """A solver whose rounds are known: status and state of each."""
+
+    def __init__(self, *rounds: tuple[list[int], State]):
+        self.rounds = rounds
+
+    def watch(self, *_: object):
+        for s, (status, state) in enumerate(self.rounds):
+            yield s, status, state
+
+
+def test_a_particle_whose_place_is_no_number_has_not_left_the_block():
+    """Stress that is NaN in a round makes places NaN in it and outside of every block in the next: no block is large
+    enough, and a larger one is not tried. One that leaves before that has left."""
+    x, vol, f = cube()
+    good = next(simulate(FREE, x, vol, f))
+    bad = dataclasses.replace(good, x=torch.full_like(x, float("nan")))
+    span = Span(Grid(DX, (0, 0, 0), (8, 8, 8)), 0.0, 1e-3, 3, 10.0, 0.0, False)
+    rest = [0, 0, 0]
+    assert not _left_first(Watched((rest, bad), ([8, 0, 0], bad)), good, None, span)  # type: ignore[arg-type]
+    assert not _left_first(Watched(([8, 0, 0], bad)), good, None, span)  # type: ignore[arg-type]
+    assert not _left_first(Watched((rest, good), ([0, 3, 0], good), ([8, 0, 0], good)), good, None, span)  # type: ignore[arg-type]
+    assert _left_first(Watched((rest, good), ([8, 0, 0], good), (rest, bad)), good, None, span)  # type: ignore[arg-type]
+
+
+def test_a_block_grows_by_no_more_cells_than_there_are_substeps(monkeypatch):
+    """Nobody crosses more than a cell a substep: whoever is outside of a block that wide is not met by a wider one. And
+    what explodes does not take the memory of the machine."""
+    x, vol, f = cube(cells=1)
+    seen, advance = [], Solver.advance
+
+    def left(self, state, matter, span, keep=False, sums=None):
+        seen.append(span)
+        end, _, rows = advance(self, state, matter, span, keep, sums)
+        return end, [1, 0, 0], rows
+
+    monkeypatch.setattr(Solver, "advance", left)
+    with pytest.raises(SimulationDiverged, match=r"left every block.*; raise fps"):
+        rollout(FREE, x, vol, f, frames=1, velocity=0.3 * torch.sin(9.0 * x))
+    first = seen[0]
+    margins = [(s.grid.shape[0] - first.grid.shape[0]) // 2 for s in seen]
+    assert margins[0] == 0 and first.steps <= margins[-1] < 2 * first.steps + 8
+    assert max(s.grid.nodes for s in seen) <= ROOM
 
 
 def test_a_pinned_step_that_turns_out_unstable_is_what_the_remedy_names():

@@ -3,6 +3,7 @@
     p = (K/γ) (J^(−γ) − 1)            Cauchy pressure; K is the bulk modulus at rest, c = √(K/ρ)
     τ = −J p I = (K/γ) (J − J^(1−γ)) I
     ψ = (K/γ) (J − 1 + (J^(1−γ) − 1)/(γ − 1))
+      = (K/γ) t² (r(t) + (γ − 1) r((1 − γ) t)),   t = ln J,  r(x) = (eˣ − 1 − x)/x²
 
 Cole, Underwater Explosions (1948); Monaghan, J. Comput. Phys. 110 (1994), eq. 3.1, γ = 7 for water; Murnaghan, PNAS 30
 (1944). Codes that write p = K (J^(−γ) − 1) call K what is K/γ here: their waves run √γ times faster than √(K/ρ).
@@ -13,7 +14,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from .. import linalg
+from .. import linalg, near_one, volume
 from ..expert import Elastic, ElasticFunctions, Layout, Param
 
 BULK_MODULUS = Param("bulk_modulus", "Pa", 1e3, 1e7, log=True, default=1e5)
@@ -24,62 +25,56 @@ def build(layout: Layout) -> ElasticFunctions:
     """Warp functions for one layout."""
     real, vec3, mat33, theta_t = layout.real, layout.vec3, layout.mat33, layout.theta_t
     at, at_gamma = layout.at("bulk_modulus"), layout.at("gamma")
-    la = linalg.build(real)
-    nan, one = real(float("nan")), real(1.0)
+    la, vol, near = linalg.build(real), volume.build(real), near_one.build(real)
+    one = real(1.0)
 
     @wp.func(module="unique")
     def of_volume(J: real, log_J: real, theta: theta_t):
         """T and ∂T/∂ln J [Pa], and θ̄ of T̄ = 1."""
         K, g = theta[at], theta[at_gamma]
-        c = K / g
-        stiff = J * wp.exp(-g * log_J)  # J^(1−γ)
-        T = c * (J - stiff)
+        c = K / g * J
+        x = -g * log_J
+        ratio, y = near.exponential(x)
+        T = -c * y
         theta_bar = theta_t()
         theta_bar[at] = T / K
-        theta_bar[at_gamma] = c * stiff * log_J - T / g
-        return T, c * (J + (g - one) * stiff), theta_bar
+        theta_bar[at_gamma] = c / g * x * x * (near.remainder(x) * (one - x) - one)  # (1 − x) eˣ − 1
+        return T, c * (one + (g - one) * ratio), theta_bar
 
     @wp.func(module="unique")
-    def energy(s: vec3, e: vec3, theta: theta_t) -> real:
+    def energy(s: vec3, d: vec3, e: vec3, theta: theta_t) -> real:
         K, g = theta[at], theta[at_gamma]
-        log_J = e[0] + e[1] + e[2]
-        x = (one - g) * log_J
-        y = one + x * (real(0.5) + x * (real(1.0 / 6.0) + x * real(1.0 / 24.0)))
-        if wp.abs(x) > real(1e-3):  # (eˣ − 1)/x; the next term of the series, x⁴/120, is 1e-14
-            y = (wp.exp(x) - one) / x
-        return K / g * (wp.exp(log_J) - one - log_J * y)
+        t = e[0] + e[1] + e[2]
+        return K / g * t * t * (near.remainder(t) + (g - one) * near.remainder((one - g) * t))
 
     @wp.func(module="unique")
-    def stress(s: vec3, e: vec3, theta: theta_t) -> vec3:
+    def stress(s: vec3, d: vec3, e: vec3, theta: theta_t) -> vec3:
         T, _dT, _theta = of_volume(s[0] * s[1] * s[2], e[0] + e[1] + e[2], theta)
         return vec3(T, T, T)
 
     @wp.func(module="unique")
-    def stress_adjoint(s: vec3, e: vec3, theta: theta_t, T_bar: vec3):
+    def stress_adjoint(s: vec3, d: vec3, e: vec3, theta: theta_t, T_bar: vec3):
         _T, dT, theta_bar = of_volume(s[0] * s[1] * s[2], e[0] + e[1] + e[2], theta)
         t = T_bar[0] + T_bar[1] + T_bar[2]
         return vec3(dT * t, dT * t, dT * t), t * theta_bar
 
     @wp.func(module="unique")
-    def slope(s: vec3, e: vec3, theta: theta_t) -> vec3:
+    def slope(s: vec3, d: vec3, e: vec3, theta: theta_t) -> vec3:
         return vec3()
 
     @wp.func(module="unique")
-    def direct(F: mat33, theta: theta_t) -> mat33:
-        J = wp.determinant(F)
-        T, _dT, _theta = of_volume(J, wp.log(J), theta)
-        if not J > real(0.0):
-            T = nan
+    def direct(F: mat33, H: mat33, theta: theta_t) -> mat33:
+        J, _j, log_J = vol.volume(F, H)
+        T, _dT, _theta = of_volume(J, log_J, theta)
         return wp.diag(vec3(T, T, T))
 
     @wp.func(module="unique")
-    def direct_adjoint(F: mat33, theta: theta_t, tau_bar: mat33):
+    def direct_adjoint(F: mat33, H: mat33, theta: theta_t, tau_bar: mat33):
         # dτ = (∂T/∂ln J) (cof F : dF)/J I
-        C = la.cofactor(F)
-        J = F[0, 0] * C[0, 0] + F[0, 1] * C[0, 1] + F[0, 2] * C[0, 2]
-        _T, dT, theta_bar = of_volume(J, wp.log(J), theta)
+        J, _j, log_J = vol.volume(F, H)
+        _T, dT, theta_bar = of_volume(J, log_J, theta)
         t = wp.trace(tau_bar)
-        return (t * dT / J) * C, t * theta_bar
+        return (t * dT / J) * la.cofactor(F), t * theta_bar
 
     return ElasticFunctions(energy, stress, stress_adjoint, slope, direct, direct_adjoint)
 
@@ -91,10 +86,9 @@ def wave_speed(params: dict[str, Tensor], rho: Tensor) -> Tensor:
 
 def energy(e: Tensor, params: dict[str, Tensor]) -> Tensor:
     """ψ [Pa] at Hencky strains e (..., 3)."""
-    g, log_J = params["gamma"], e.sum(-1)
-    x = (1 - g) * log_J
-    ratio = torch.where(x.abs() > 1e-8, torch.expm1(x) / torch.where(x == 0, 1, x), 1 + x / 2)
-    return params["bulk_modulus"] / g * (torch.expm1(log_J) - log_J * ratio)
+    g, t = params["gamma"], e.sum(-1)
+    shape = near_one.remainder(t) + (g - 1) * near_one.remainder((1 - g) * t)
+    return params["bulk_modulus"] / g * t * t * shape
 
 
 def stress(e: Tensor, params: dict[str, Tensor]) -> Tensor:

@@ -34,19 +34,19 @@ def build(layout: Layout) -> ElasticFunctions:
         return (log_a - log_b) / (a - b)
 
     @wp.func(module="unique")
-    def energy(s: vec3, e: vec3, theta: theta_t) -> real:
+    def energy(s: vec3, d: vec3, e: vec3, theta: theta_t) -> real:
         mu, lam = m.lame(theta)
         tr = e[0] + e[1] + e[2]
         return mu * wp.dot(e, e) + real(0.5) * lam * tr * tr
 
     @wp.func(module="unique")
-    def stress(s: vec3, e: vec3, theta: theta_t) -> vec3:
+    def stress(s: vec3, d: vec3, e: vec3, theta: theta_t) -> vec3:
         mu, lam = m.lame(theta)
         p = lam * (e[0] + e[1] + e[2])
         return real(2.0) * mu * e + vec3(p, p, p)
 
     @wp.func(module="unique")
-    def stress_adjoint(s: vec3, e: vec3, theta: theta_t, T_bar: vec3):
+    def stress_adjoint(s: vec3, d: vec3, e: vec3, theta: theta_t, T_bar: vec3):
         # ∂T_i/∂e_j = 2μ δ_ij + λ
         mu, lam = m.lame(theta)
         t = T_bar[0] + T_bar[1] + T_bar[2]
@@ -54,7 +54,7 @@ def build(layout: Layout) -> ElasticFunctions:
         return e_bar, m.adjoint(theta, real(2.0) * wp.dot(e, T_bar), t * (e[0] + e[1] + e[2]))
 
     @wp.func(module="unique")
-    def slope(s: vec3, e: vec3, theta: theta_t) -> vec3:
+    def slope(s: vec3, d: vec3, e: vec3, theta: theta_t) -> vec3:
         mu, _lam = m.lame(theta)
         d_12 = log_slope(s[1], s[2], e[1], e[2])
         d_20 = log_slope(s[2], s[0], e[2], e[0])

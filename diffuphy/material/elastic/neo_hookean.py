@@ -1,6 +1,6 @@
 """Compressible neo-Hookean solid: rubber, jelly.
 
-    ψ = μ/2 (tr FᵀF − 3) − μ ln J + λ/2 (ln J)²
+    ψ = μ/2 (tr FᵀF − 3) − μ ln J + λ/2 (ln J)² = μ/2 Σ (e^(2e_i) − 1 − 2e_i) + λ/2 (ln J)²
     T_i = μ (s_i² − 1) + λ ln J,   τ = μ (F Fᵀ − I) + λ ln J I
 
 Bonet & Wood, Nonlinear Continuum Mechanics for Finite Element Analysis (2008), §6.4.3.
@@ -10,56 +10,58 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from .. import moduli
+from .. import linalg, moduli, near_one, volume
 from ..expert import Elastic, ElasticFunctions, Layout
 
 
 def build(layout: Layout) -> ElasticFunctions:
     """Warp functions for one layout."""
     real, vec3, mat33, theta_t = layout.real, layout.vec3, layout.mat33, layout.theta_t
-    m = moduli.build(layout)
+    m, la = moduli.build(layout), linalg.build(real)
+    vol, remainder = volume.build(real), near_one.build(real).remainder
 
     @wp.func(module="unique")
-    def energy(s: vec3, e: vec3, theta: theta_t) -> real:
+    def energy(s: vec3, d: vec3, e: vec3, theta: theta_t) -> real:
         mu, lam = m.lame(theta)
         log_J = e[0] + e[1] + e[2]
-        return real(0.5) * mu * (wp.dot(s, s) - real(3.0)) - mu * log_J + real(0.5) * lam * log_J * log_J
+        r = vec3(remainder(real(2.0) * e[0]), remainder(real(2.0) * e[1]), remainder(real(2.0) * e[2]))
+        return real(2.0) * mu * wp.dot(r, wp.cw_mul(e, e)) + real(0.5) * lam * log_J * log_J
 
     @wp.func(module="unique")
-    def stress(s: vec3, e: vec3, theta: theta_t) -> vec3:
+    def stress(s: vec3, d: vec3, e: vec3, theta: theta_t) -> vec3:
         mu, lam = m.lame(theta)
-        p = lam * (e[0] + e[1] + e[2]) - mu
-        return vec3(mu * s[0] * s[0] + p, mu * s[1] * s[1] + p, mu * s[2] * s[2] + p)
+        p = lam * (e[0] + e[1] + e[2])
+        return mu * (wp.cw_mul(s, d) + d) + vec3(p, p, p)
 
     @wp.func(module="unique")
-    def stress_adjoint(s: vec3, e: vec3, theta: theta_t, T_bar: vec3):
+    def stress_adjoint(s: vec3, d: vec3, e: vec3, theta: theta_t, T_bar: vec3):
         # ∂T_i/∂e_j = 2μ s_i² δ_ij + λ
         mu, lam = m.lame(theta)
-        c = wp.cw_mul(s, s)
         t = T_bar[0] + T_bar[1] + T_bar[2]
-        e_bar = real(2.0) * mu * wp.cw_mul(c, T_bar) + vec3(lam * t, lam * t, lam * t)
-        return e_bar, m.adjoint(theta, wp.dot(c, T_bar) - t, t * (e[0] + e[1] + e[2]))
+        e_bar = real(2.0) * mu * wp.cw_mul(wp.cw_mul(s, s), T_bar) + vec3(lam * t, lam * t, lam * t)
+        return e_bar, m.adjoint(theta, wp.dot(wp.cw_mul(s, d) + d, T_bar), t * (e[0] + e[1] + e[2]))
 
     @wp.func(module="unique")
-    def slope(s: vec3, e: vec3, theta: theta_t) -> vec3:
+    def slope(s: vec3, d: vec3, e: vec3, theta: theta_t) -> vec3:
         mu, _lam = m.lame(theta)
         return mu * vec3(s[1] + s[2], s[2] + s[0], s[0] + s[1])
 
     @wp.func(module="unique")
-    def direct(F: mat33, theta: theta_t) -> mat33:
+    def direct(F: mat33, H: mat33, theta: theta_t) -> mat33:
         mu, lam = m.lame(theta)
-        p = lam * wp.log(wp.determinant(F)) - mu
-        return mu * (F * wp.transpose(F)) + wp.diag(vec3(p, p, p))
+        _J, _j, log_J = vol.volume(F, H)
+        p = lam * log_J
+        return mu * la.strain(wp.transpose(H)) + wp.diag(vec3(p, p, p))
 
     @wp.func(module="unique")
-    def direct_adjoint(F: mat33, theta: theta_t, tau_bar: mat33):
+    def direct_adjoint(F: mat33, H: mat33, theta: theta_t, tau_bar: mat33):
         # dτ = μ (dF Fᵀ + F dFᵀ) + λ tr(F⁻¹ dF) I
         mu, lam = m.lame(theta)
+        _J, _j, log_J = vol.volume(F, H)
         t = tau_bar[0, 0] + tau_bar[1, 1] + tau_bar[2, 2]
         Y = (tau_bar + wp.transpose(tau_bar)) * F
         F_bar = mu * Y + (lam * t) * wp.transpose(wp.inverse(F))
-        mu_bar = real(0.5) * wp.ddot(Y, F) - t  # τ̄ : F Fᵀ − tr τ̄
-        return F_bar, m.adjoint(theta, mu_bar, t * wp.log(wp.determinant(F)))
+        return F_bar, m.adjoint(theta, wp.ddot(tau_bar, la.strain(wp.transpose(H))), t * log_J)
 
     return ElasticFunctions(energy, stress, stress_adjoint, slope, direct, direct_adjoint)
 
@@ -68,7 +70,7 @@ def energy(e: Tensor, params: dict[str, Tensor]) -> Tensor:
     """ψ [Pa] at Hencky strains e (..., 3)."""
     mu, lam = moduli.lame(params)
     log_J = e.sum(-1)
-    return mu / 2 * (torch.exp(2 * e).sum(-1) - 3) - mu * log_J + lam / 2 * log_J**2
+    return 2 * mu * (e * e * near_one.remainder(2 * e)).sum(-1) + lam / 2 * log_J**2
 
 
 def stress(e: Tensor, params: dict[str, Tensor]) -> Tensor:

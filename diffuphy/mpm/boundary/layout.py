@@ -13,6 +13,8 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
+import torch
+from torch import Tensor
 
 from diffuphy.mpm.boundary.mesh import Mesh
 from diffuphy.mpm.boundary.shapes import Box, Cylinder, HalfSpace, Sphere
@@ -51,9 +53,7 @@ def signature(boundaries: Sequence[Boundary], elastic: bool = False) -> Signatur
     )
 
 
-def wall_gradients(
-    boundaries: Sequence[Boundary], times: np.ndarray, row_bar: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def wall_gradients(boundaries: Sequence[Boundary], times: np.ndarray, row_bar: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Gradients in ``friction`` (walls,), ``velocity`` (walls, 3) and ``angular_velocity`` (walls, 3) of the walls.
 
     Sums over steps of those in the rows, which ``adjoint_rows`` made; a wall that has come to its ``end`` stands,
@@ -64,7 +64,7 @@ def wall_gradients(
         times: those of ``rows``, shape (steps,) [s].
         row_bar: gradients in its result, shape (steps, walls, N_WALL).
     """
-    moves = np.stack([times < b.end for b in boundaries], axis=1)[..., None]
+    moves = torch.from_numpy(np.stack([times < b.end for b in boundaries], axis=1)[..., None]).to(row_bar)
     friction = row_bar[..., FRICTION].sum(0)
     return friction, (row_bar[..., VELOCITY] * moves).sum(0), (row_bar[..., ANGULAR_VELOCITY] * moves).sum(0)
 

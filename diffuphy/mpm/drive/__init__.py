@@ -16,11 +16,11 @@ from diffuphy.mpm.drive.drives import (
     check_drives,
 )
 from diffuphy.mpm.drive.kernels import make_drives
-from diffuphy.mpm.drive.layout import N_DRIVE, TICK, Signature, drive_rows, drive_signature, tags
+from diffuphy.mpm.drive.layout import N_DRIVE, TICK, Signature, drive_rows, drive_signature, mass_gradient, tags
 from diffuphy.mpm.drive.select import InBall, InBox, InCylinder
 
 __all__ = [
     "MAX_DRIVES", "N_DRIVE", "TICK", "Acceleration", "Attractor", "Drag", "Drive", "Held", "Impulse", "InBall", "InBox",
     "InCylinder", "Release", "Signature", "Vortex", "check_drives", "drive_rows", "drive_signature", "make_drives",
-    "speed_bound", "tags",
+    "mass_gradient", "speed_bound", "tags",
 ]  # fmt: skip

@@ -18,6 +18,7 @@ def make_drives(signature: Signature, real: type) -> SimpleNamespace:
 
         accelerate(r, v, tag, row, s) → b                          sum of their accelerations [m/s²]
         accelerate_adjoint(r, v, tag, row, s, b_bar) → (r_bar, v_bar)
+        pushed(tag, row, s, b_bar, p, out)                         adds b_bar · b of its k-th impulse to out[p, k]
         hold(r, v, C, tag, row, s) → (v, C)                        the later drive rules
         hold_adjoint(r, v, C, tag, row, s, v_bar, C_bar) → (r_bar, v_bar, C_bar)
 
@@ -25,7 +26,8 @@ def make_drives(signature: Signature, real: type) -> SimpleNamespace:
     ``layout.tags``, ``row`` the data of ``layout.drive_rows`` and s the row of this substep. ``hold`` is for the
     velocities that a particle takes to the grid and again, with the same r, for those that it gets from there and
     moves with.
-    Gradients are exact; which particles are inside a region, or still held, is fixed. Rows get none.
+    Gradients are exact; which particles are inside a region, or still held, is fixed. Rows get none, but for the mass
+    that an impulse is shared by: ``layout.mass_gradient`` makes that of ``pushed``.
     """
     kinds = tuple(kind for kind, _ in signature)
     n = len(kinds) if "Release" in kinds else 0
@@ -36,10 +38,12 @@ def make_drives(signature: Signature, real: type) -> SimpleNamespace:
         drive_t=drive_t,
         accelerate=accelerate,
         accelerate_adjoint=accelerate_adjoint,
+        pushed=_pushes(kinds, real),
         hold=hold,
         hold_adjoint=hold_adjoint,
         accelerates=any(k not in HOLDING for k in kinds),
         holds=any(k in HOLDING for k in kinds),
+        impulses=kinds.count("Impulse"),
     )
 
 
@@ -84,6 +88,36 @@ def _accelerations(signature: Signature, real: type) -> tuple[wp.Function, wp.Fu
         return r_bar, v_bar
 
     return accelerate, accelerate_adjoint
+
+
+@cache
+def _pushes(kinds: tuple[str, ...], real: type) -> wp.Function:
+    """What the impulses of a list do to a particle, those before the last, and the last."""
+    vec3, drive_t = wp.types.vector(3, real), wp.types.vector(N_DRIVE, real)
+    if not kinds:
+
+        @wp.func(module="unique")
+        def nothing(
+            tag: wp.int32, row: wp.array2d[drive_t], s: wp.int32, b_bar: vec3, p: wp.int32, out: wp.array2d[real]
+        ):
+            return
+
+        return nothing
+
+    before = _pushes(kinds[:-1], real)
+    if kinds[-1] != "Impulse":
+        return before
+    last, at = len(kinds) - 1, kinds[:-1].count("Impulse")
+    bit = 1 << last
+
+    @wp.func(module="unique")
+    def pushed(tag: wp.int32, row: wp.array2d[drive_t], s: wp.int32, b_bar: vec3, p: wp.int32, out: wp.array2d[real]):
+        before(tag, row, s, b_bar, p, out)
+        if (tag & bit) != 0:
+            w = row[s, last]
+            out[p, at] = out[p, at] + wp.dot(b_bar, vec3(w[0], w[1], w[2]))
+
+    return pushed
 
 
 @cache

@@ -94,6 +94,23 @@ def mass_of(k: int, m: Tensor, tags: Tensor) -> float:
     return float(m.detach()[(tags >> k & 1).bool()].double().sum())
 
 
+def mass_gradient(drives: Sequence[Drive], m: Tensor, tags: Tensor, pushed: Tensor) -> Tensor:
+    """Gradient in the masses by way of the rows of impulses, shape (N,): b = J/(M duration), so that
+
+        m̄_q = −(1/M) Σ_p b̄_p · b   for every particle q that shares J,   M = Σ_q m_q
+
+    Args:
+        m: masses, shape (N,) [kg].
+        tags: from :func:`tags`.
+        pushed: Σ over substeps of b̄_p · b for each impulse, shape (N, impulses).
+    """
+    out = torch.zeros_like(m)
+    which = [k for k, d in enumerate(drives) if isinstance(d, Impulse)]
+    for total, k in zip(pushed.sum(0), which, strict=True):
+        out -= total / mass_of(k, m, tags) * (tags >> k & 1)
+    return out
+
+
 def drive_rows(
     drives: Sequence[Drive],
     grid: Grid,

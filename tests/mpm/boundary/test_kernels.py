@@ -184,7 +184,7 @@ def test_gradients_of_settings_are_sums_over_the_steps_in_which_they_matter():
         return (v_bar * contact(walls, v, r, s, rows(walls, HERE, times))[0]).sum()
 
     row_bar = contact(wall(), v, r, s, rows(wall(), HERE, times), v_bar)[2]
-    friction, velocity, spin = wall_gradients(wall(), times, row_bar)
+    friction, velocity, spin = wall_gradients(wall(), times, torch.from_numpy(row_bar))
     h = 1e-5
     want = (total(wall(friction=0.3 + h)) - total(wall(friction=0.3 - h))) / (2 * h)
     # a wall that moves 1e-6 s differently turns by 1e-11; rounding is 1e-15/h

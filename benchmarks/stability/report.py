@@ -1,0 +1,127 @@
+"""From outcomes to raw numbers, pictures and the generated part of docs/numerics/stability.md."""
+
+import argparse
+import concurrent.futures
+import csv
+import dataclasses
+import json
+import math
+import multiprocessing
+import os
+import platform
+import time
+from pathlib import Path
+
+import torch
+
+from benchmarks.stability import courant, design, endurance, extremes
+from benchmarks.stability.cells import MATTERS, Cell, Outcome, run_pair
+from benchmarks.stability.pictures import draw_corners, draw_courant, draw_map
+from benchmarks.stability.verdict import LIMITS
+from benchmarks.stability.words import generated
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+INSIDE = 12
+"""Cells of each matter anywhere inside."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Share:
+    """All that is measured on one matter."""
+
+    matter: str
+    cells: list[tuple[str, Outcome]]
+    """Kind of place in the map, and outcome."""
+    courants: list[courant.Courant]
+    long: list[Outcome]
+
+
+def study(matter: str, quick: bool) -> Share:
+    """The part of the work that one process does."""
+    torch.set_num_threads(1)
+    places = [*design.lines(matter), *design.corners(matter), *design.inside(matter, INSIDE)]
+    if quick:
+        places = places[:: len(places) // 6]
+    cells = [(axis, outcome) for axis, cell in places for outcome in run_pair(cell)]
+    nus = courant.NUS[1:2] if quick else courant.NUS
+    courants = [courant.largest(matter, nu, alone) for alone in (False, True) for nu in nus]
+    substeps = 1000 if quick else endurance.SUBSTEPS
+    long = [endurance.endure(Cell(matter, precision=p), substeps) for p in ("float64", "float32")]
+    return Share(matter, cells, courants, long)
+
+
+def measured(quick: bool, jobs: int, matters: list[str]) -> dict[str, object]:
+    """Everything, in ``jobs`` processes."""
+    begin = time.perf_counter()
+    if jobs == 1:
+        shares = [study(m, quick) for m in matters]
+    else:
+        spawn = multiprocessing.get_context("spawn")
+        with concurrent.futures.ProcessPoolExecutor(jobs, mp_context=spawn) as pool:
+            shares = list(pool.map(study, matters, [quick] * len(matters)))
+    rows = [row(axis, o) for share in shares for axis, o in share.cells]
+    return {
+        "machine": f"{jobs} of {os.cpu_count()} cores ({platform.machine()}), torch {torch.__version__}",
+        "cells": rows,
+        "courant": [dataclasses.asdict(c) for share in shares for c in share.courants],
+        "long": [row("long", o) for share in shares for o in share.long],
+        "contracts": extremes.contracts(("D3", "D11") if quick else None),
+        "refusals": extremes.refusals(),
+        "far": extremes.far(),
+        "seconds": time.perf_counter() - begin,
+    }
+
+
+def row(axis: str, o: Outcome) -> dict[str, object]:
+    """An outcome as one line of the raw numbers."""
+    numbers = {k: float(f"{o.measured.get(k, math.nan):.4g}") for k in LIMITS}
+    cell = {k: float(f"{v:.6g}") if isinstance(v, float) else v for k, v in dataclasses.asdict(o.cell).items()}
+    rest = {"lost": float(f"{o.lost:.4g}"), "substeps": o.substeps, "halvings": o.halvings}
+    end = {"seconds": round(o.seconds, 3), "verdict": o.verdict.kind, "cured": o.cured, "why": o.verdict.why}
+    return {"place": axis, **cell, **numbers, **rest, **end}
+
+
+def put(page: Path, text: str) -> None:
+    """Replace what lies between the marks of a page; a page without them gets nothing but the text."""
+    begin, end = "<!-- measured -->\n", "<!-- /measured -->\n"
+    old = page.read_text(encoding="utf-8") if page.exists() else begin + end
+    head, _, rest = old.partition(begin)
+    page.write_text(head + begin + text + end + rest.partition(end)[2], encoding="utf-8")
+
+
+def write(data: dict, raw: Path, pages: Path) -> None:
+    """Raw numbers, pictures, page."""
+    raw.mkdir(parents=True, exist_ok=True)
+    pages.mkdir(parents=True, exist_ok=True)
+    with (raw / "cells.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(data["cells"][0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows([*data["cells"], *data["long"]])
+    rest = {k: v for k, v in data.items() if k not in ("cells", "long")}
+    (raw / "stability.json").write_text(json.dumps(rest, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    draw_map(pages / "stability_lines.png", data["cells"])
+    draw_corners(pages / "stability_corners.png", data["cells"])
+    draw_courant(pages / "stability_steps.png", data["courant"])
+    put(pages / "stability.md", generated(data))
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks stability",
+        description=__import__("benchmarks.stability").stability.__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--quick", action="store_true", help="one matter, a few cells, short long runs")
+    parser.add_argument("--matter", nargs="+", choices=MATTERS, metavar="M", help="some only; names as in the page")
+    parser.add_argument("--jobs", type=int, default=min(2, os.cpu_count() or 1), help="processes")
+    parser.add_argument("--out", type=Path, help="a folder for everything; by default docs/")
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    matters = options.matter or (["neo_hookean"] if options.quick else list(MATTERS))
+    data = measured(options.quick, options.jobs, matters)
+    raw, pages = (DOCS / "benchmarks" / "stability", DOCS / "numerics") if options.out is None else (options.out,) * 2
+    write(data, raw, pages)
+    print(generated(data))
+    silent = sum(r["verdict"] == "silent" for r in [*data["cells"], *data["long"]])
+    silent += sum(r["kind"] == "silent" for r in data["refusals"]) + sum(len(r["outside"]) for r in data["contracts"])
+    return int(silent > 0)
