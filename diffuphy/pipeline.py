@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from diffuphy.artifact import SCRATCH, Done, Stage, Store, check_names
-from diffuphy.cost import predict
-from diffuphy.plan import Line, Plan, cost_lines, make_plan, pruned_lines, stage_lines
+from diffuphy.plan import Line, Plan, cost_lines, make_plan, predicted, pruned_lines, stage_lines
 from diffuphy.types import Clip, Errors, Gaussians, MaterialField, Particles, Prompt, Trajectory
 
 log = logging.getLogger(__name__)
@@ -64,7 +63,7 @@ def run(
     table = stages(plan.components)
     cached = store.look_up(table)
     known = len(Particles.load(cached["particles"])) if "particles" in cached else None
-    cost = predict(plan.components, words, particles=known, device=store.device)
+    cost = predicted(plan.components, words, particles=known, device=store.device)
     running = stage_lines(table, cached, until, force, cost)
     plan = Plan(plan.components, (*running, *cost_lines(running, cost), *plan.lines))
     log.info("%s", plan)

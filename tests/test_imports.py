@@ -33,7 +33,7 @@ MAY_IMPORT = {
     "accuracy": {"types", "material"},
     "cost": {"types", "material", "mpm", "scan"},
     "plan": {"types", "artifact", "material", "accuracy", "cost"},
-    "pipeline": {"types", "artifact", "plan", "cost"},
+    "pipeline": {"types", "artifact", "plan"},
     "judgement": {"types", "artifact", "render"},
     "export": {"types", "artifact", "plan", "render", "judgement"},
     "explain": set(),

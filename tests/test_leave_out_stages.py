@@ -1,6 +1,7 @@
 """Leave out what a scene does not need, outside the simulation: learning, pictures, models, report.
 
 Where a part can be set to do nothing, that equals a run without it to the last bit; absent, none of its code is run.
+Which packages a run loads is tested in ``test_weight_free``.
 """
 
 import dataclasses
@@ -173,24 +174,6 @@ def loaded(code):
     script = f"{code}\nimport sys\nprint(*sorted({{m.split('.')[0] for m in sys.modules}}))"
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
     return set(done.stdout.split())
-
-
-PLANNED = """
-import logging, pathlib
-from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
-from diffuphy import cli, plan, types
-with initialize_config_dir(str(pathlib.Path("conf").resolve()), version_base="1.3"):
-    cfg = compose("train", ["prompt=a rubber ball falling", "experiment=tiny"])
-made = cli.make(OmegaConf.to_container(cfg, resolve=True)["stages"])
-prompt = types.Prompt(types.Look("ball", "a ball"), types.Motion("falling", "", {"": "rubber"}))
-made = plan.make_plan(made, prompt).components
-"""
-
-
-def test_the_embedded_prior_loads_no_model_package():
-    """All components of the default configuration made and planned: no package that weights need, no film encoder."""
-    assert not loaded(PLANNED) & {*HEAVY, "imageio_ffmpeg", "torchvision"}
 
 
 def test_the_simulator_alone_loads_no_pictures_and_no_priors():

@@ -14,7 +14,7 @@ from diffuphy.losses.velocity import Velocity
 from diffuphy.mpm import Scheme
 from diffuphy.mpm.sample import Sample
 from diffuphy.mpm.trajectory import Simulate
-from diffuphy.plan import cost_lines, make_plan, pruned_lines, stage_lines
+from diffuphy.plan import cost_lines, make_plan, predicted, pruned_lines, stage_lines
 from diffuphy.render import Film
 from diffuphy.text2gs.fit import FitGaussians
 from diffuphy.text2gs.refine.rules import Rules
@@ -173,3 +173,17 @@ def test_pruned_experts_are_said_with_what_it_changed():
     assert line.what == "plastic experts of the film" and line.decision == "von_mises"
     assert "identity" in line.why and "2.0e-07" in line.why
     assert pruned_lines(field, {"elastic": ("hencky",)}, {}) == []
+
+
+def test_components_that_nobody_can_count_leave_the_cost_out():
+    """A stage of somebody's own: the plan is made without prices, and the log says what is missing."""
+
+    @dataclasses.dataclass(frozen=True)
+    class Mine:
+        sh_degree: int = 0
+        densify: None = None
+        guidance: Analytic = Analytic(layout="views")
+
+    plan = make_plan(components() | {"gaussians": Mine()}, prompt("rubber"))
+    assert all(line.seconds is None for line in plan.lines)
+    assert predicted(plan.components, prompt("rubber")) is None and cost_lines([], None) == []

@@ -6,6 +6,7 @@ construction. What each part takes, and what leaving one out saves, is predicted
 """
 
 import dataclasses
+import logging
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
@@ -19,7 +20,9 @@ from diffuphy.plan.pictures import film_lines, object_lines
 from diffuphy.plan.scenery import scene_lines, scheme_lines
 from diffuphy.types import Prompt
 
-__all__ = ["Line", "Plan", "cost_lines", "make_plan", "pruned_lines", "stage_lines"]
+__all__ = ["Line", "Plan", "cost_lines", "make_plan", "predicted", "pruned_lines", "stage_lines"]
+
+log = logging.getLogger(__name__)
 
 
 def make_plan(
@@ -57,16 +60,26 @@ def make_plan(
 
 def priced(lines: Sequence[Line], components: Mapping[str, Any], prompt: Prompt, device: str) -> list[Line]:
     """The same lines, with what each omission saves: the cost of a run that had the part, less that of this one."""
-    now = predict(components, prompt, device=device)
+    now = predicted(components, prompt, device=device)
 
     def saved(line: Line) -> Line:
-        if not line.would:
+        if not line.would or now is None:
             return line
         other = predict({**components, **line.would}, prompt, device=device)
         more = [max(0.0, a - b) for a, b in ((other.seconds, now.seconds), (other.bytes / 1e6, now.bytes / 1e6))]
         return dataclasses.replace(line, seconds=more[0], megabytes=more[1])
 
     return [saved(line) for line in lines]
+
+
+def predicted(components: Mapping[str, Any], prompt: Prompt, **known: Any) -> Cost | None:
+    """What a run will cost (``cost.predict``); None for components of somebody else's making, whose work nobody knows
+    how to count: the log names what they lack."""
+    try:
+        return predict(components, prompt, **known)
+    except AttributeError as missing:
+        log.info("the cost of this run is not predicted: %s", missing)
+        return None
 
 
 def stage_lines(
@@ -93,8 +106,10 @@ def stage_lines(
     return lines
 
 
-def cost_lines(lines: Sequence[Line], cost: Cost) -> list[Line]:
+def cost_lines(lines: Sequence[Line], cost: Cost | None) -> list[Line]:
     """The whole of what the stages of ``stage_lines`` that run will take; a cached one takes nothing."""
+    if cost is None:
+        return []
     runs = [line for line in lines if line.decision == "run"]
     seconds = sum(line.seconds or 0.0 for line in runs)
     megabytes = max((line.megabytes or 0.0 for line in runs), default=0.0)

@@ -36,6 +36,6 @@ def model_lines(components: Mapping[str, Any]) -> list[Line]:
     backends = {type(components[s].guidance).__name__ for s in ("gaussians", "material")}
     heavy = sorted(backends - {"Analytic"})
     if heavy:
-        return [Line("diffusion models", ", ".join(heavy), "asked for by guidance")]
+        return [Line("diffusion models", ", ".join(heavy), "asked for by guidance; what they take is not predicted")]
     why = "the embedded prior answers; diffusers and transformers are never imported"
     return [Line("diffusion models", "left out", why)]
