@@ -32,7 +32,7 @@ MAY_IMPORT = {
     "errors": {"types", "workspace", "mpm", "render"},
     "accuracy": {"types", "material"},
     "cost": {"types", "material", "mpm", "scan"},
-    "plan": {"types", "artifact", "material", "cost", "accuracy"},
+    "plan": {"types", "artifact", "material", "accuracy", "cost"},
     "pipeline": {"types", "artifact", "plan"},
     "judgement": {"types", "artifact", "render"},
     "export": {"types", "artifact", "plan", "render", "judgement"},

@@ -18,6 +18,7 @@ import torch
 
 from diffuphy.cost import machine
 from diffuphy.cost.body import body
+from diffuphy.cost.drafts import errors, wanted
 from diffuphy.cost.result import Cost, StageCost
 from diffuphy.cost.rollouts import Laws
 from diffuphy.cost.stages import STAGES, single
@@ -75,11 +76,13 @@ def predict(
     what, table = body(components, prompt, particles), coefficients(device)
     cores = threads or os.cpu_count() or 1
     stages = {}
-    for name, count in STAGES.items():
+    every = {name: (count, name) for name, count in STAGES.items()}
+    every |= {"errors": (errors, "trajectory")} if wanted(components) else {}  # the same code once more
+    for name, (count, code) in every.items():
         counted = count(components, prompt.motion, what)
         seconds = price(counted.work, device)
         saved = _shared(counted.spread, device, min(counted.lanes, cores))
-        stages[name] = StageCost(seconds - saved, _bytes(name, counted.sizes, table), seconds, counted.work)
+        stages[name] = StageCost(seconds - saved, _bytes(code, counted.sizes, table), seconds, counted.work)
     pace = machine.pace(table["yardstick"], device)
     return Cost(stages, f"{table['machine']}; this one takes {pace:.2f} of its time")
 

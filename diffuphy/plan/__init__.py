@@ -12,7 +12,7 @@ from typing import Any
 
 from diffuphy.artifact import Stage
 from diffuphy.cost import Cost, predict
-from diffuphy.plan.judgement import error_lines, judged, refined
+from diffuphy.plan.accuracy import error_lines, judged, refined
 from diffuphy.plan.learning import loss_lines, model_lines
 from diffuphy.plan.line import Line, Plan
 from diffuphy.plan.materials import experts, mixture_lines, pruned_lines
@@ -36,9 +36,9 @@ def make_plan(
         device: where the run will be; costs depend on it.
 
     Raises:
-        accuracy.Unreachable: an accuracy that no grid promises.
+        ValueError: an accuracy that no grid promises.
     """
-    components, chosen = refined(components, prompt, accuracy)
+    components, chosen = refined(components, prompt, accuracy, device)
     elastic, plastic, why = experts(components["material"], prompt.motion)
     material = dataclasses.replace(components["material"], elastic=elastic, plastic=plastic)
     resolved = components | {"material": material} | judged(components)
