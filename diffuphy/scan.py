@@ -6,6 +6,7 @@ wrong phase points the wrong way. A scan of a few dozen short clips takes second
 
 import itertools
 import logging
+import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -17,7 +18,7 @@ from diffuphy.losses.sds import Weight, sds
 from diffuphy.material import ELASTIC, PLASTIC, Param
 from diffuphy.material.field import Hypothesis, prune, warm_start
 from diffuphy.probe import Bench
-from diffuphy.types import MaterialField, Motion
+from diffuphy.types import MaterialField, Motion, SimulationDiverged
 from diffuphy.workspace import Workspace
 
 log = logging.getLogger(__name__)
@@ -70,6 +71,9 @@ def scan(
         labels: region of each draft particle, shape (N,).
         grid: values of log10 E [Pa].
         frames: length of the clips.
+
+    Raises:
+        SimulationDiverged: none of them can be simulated; what can is compared, and the log tells how many cannot.
     """
     regions = region_values(table, labels)
     pairs = list(itertools.product(itertools.product(table.plastic, grid), repeat=len(regions)))
@@ -83,15 +87,25 @@ def scan(
     def score(pair: tuple) -> float:
         guess = warm_start(table.elastic, table.plastic, labels, [Hypothesis(**h) for h in hypotheses(pair)])
         with torch.no_grad():
-            return cond.score(bench.clip(prune(guess).field, frames), weight)
+            try:
+                return cond.score(bench.clip(prune(guess).field, frames), weight)
+            except SimulationDiverged as trouble:  # so soft that the drop tears it apart: not what the clip shows
+                failed.append(trouble)
+                return math.inf
 
-    scores = []
+    scores: list[float] = []
+    failed: list[SimulationDiverged] = []
     cond.prepare(frames)
     with work.bar(len(pairs), "material: scan") as bar, ThreadPoolExecutor(THREADS) as pool:
         for pair, value in zip(pairs, pool.map(score, pairs), strict=True):
             scores.append(value)
             bar.update()
-            work.log(len(scores), scan=value, hypothesis=", ".join(f"{p} E=1e{e:.2f}" for p, e in pair))
+            seen = {"scan": value} if math.isfinite(value) else {"scan_failed": 1}
+            work.log(len(scores), **seen, hypothesis=", ".join(f"{p} E=1e{e:.2f}" for p, e in pair))
+    if len(failed) == len(pairs):
+        raise failed[0]
+    if failed:
+        log.warning("material: %d of %d hypotheses cannot be simulated: %s", len(failed), len(pairs), failed[0])
     best = min(range(len(pairs)), key=scores.__getitem__)
     words = ", ".join(f"{p} with E = 1e{e:.2f} Pa" for p, e in pairs[best])
     log.info("material: scanned %d hypotheses, the best is %s", len(pairs), words)
