@@ -1,5 +1,6 @@
 # make film PROMPT="a rubber burger falling"      the film, from a fresh clone on; installs what is missing into .venv first
-# make test | lint | docs | benchmarks | clean
+# make test | lint | docs | clean
+# make benchmarks                                measures what docs/numerics says again, about 40 minutes; ARGS=all: quickly
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -58,7 +59,7 @@ docs: $(VENV)/.dev
 	$(BIN)/sphinx-build -W --keep-going -q docs docs/_build
 
 benchmarks: $(VENV)/.dev
-	$(BIN)/python -m benchmarks $(ARGS)
+	$(BIN)/python -m benchmarks $(or $(ARGS),numerics)
 
 constraints: $(VENV)/.dev
 	UV=$(BIN)/uv tools/constraints.sh --upgrade

@@ -2,6 +2,7 @@
 
     python -m benchmarks                             # what there is
     python -m benchmarks speed --repeat 21           # one, with its own options
+    python -m benchmarks numerics                    # the full forms behind docs/numerics, one after the other
     python -m benchmarks all                         # the quick form of each, to see that it runs; keeps nothing
 
 Numbers that the documentation quotes come from the full forms, one at a time, on a machine with nothing else to do.
@@ -13,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -44,6 +46,9 @@ QUICK = {
 }
 """Options under which each script takes about a minute; ``{out}`` is a folder that is thrown away."""
 
+NUMERICS = ("work_precision", "stability", "gradients", "errors", "speed", "leaving_out")
+"""What ``docs/numerics`` is made of; about 40 minutes of two cores."""
+
 
 def scripts() -> dict[str, str]:
     """First sentence of every benchmark, a file or a folder, by name."""
@@ -62,18 +67,24 @@ def run(name: str, options: list[str]) -> int:
     return subprocess.run(command, cwd=HERE.parent, check=False).returncode
 
 
-def run_all() -> int:
+def run_each(options: dict[str, Sequence[str]]) -> int:
+    """Run these benchmarks one after the other; returns whether one failed."""
     failed = []
-    with tempfile.TemporaryDirectory() as out:
-        for name in scripts():
-            print(f"== {name}", flush=True)
-            start = time.perf_counter()
-            if run(name, [option.format(out=out) for option in QUICK[name]]):
-                failed.append(name)
-            print(f"== {name}: {time.perf_counter() - start:.0f} s", flush=True)
+    for name, its in options.items():
+        print(f"== {name}", flush=True)
+        start = time.perf_counter()
+        if run(name, list(its)):
+            failed.append(name)
+        print(f"== {name}: {time.perf_counter() - start:.0f} s", flush=True)
     if failed:
         print(f"failed: {', '.join(failed)}", file=sys.stderr)
     return len(failed) > 0
+
+
+def run_all() -> int:
+    """The quick form of each."""
+    with tempfile.TemporaryDirectory() as out:
+        return run_each({name: [o.format(out=out) for o in QUICK[name]] for name in scripts()})
 
 
 def main() -> int:
@@ -81,13 +92,15 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("name", nargs="?", choices=[*known, "all"], metavar="name")
+    parser.add_argument("name", nargs="?", choices=[*known, "numerics", "all"], metavar="name")
     parser.add_argument("options", nargs=argparse.REMAINDER, help="passed on to the benchmark")
     arguments = parser.parse_args()
     if arguments.name is None:
         width = max(map(len, known))
         print("\n".join(f"{name:<{width}}  {says}" for name, says in known.items()))
         return 0
+    if arguments.name == "numerics":
+        return run_each(dict.fromkeys(NUMERICS, ()))
     return run_all() if arguments.name == "all" else run(arguments.name, arguments.options)
 
 
