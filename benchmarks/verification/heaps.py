@@ -42,6 +42,50 @@ def heap(s: Setting) -> list[Check]:
     ]
 
 
+@lru_cache
+def glided(s: Setting, angle: float, friction: float = 31.0) -> float:
+    """Friction tan θ − a/(g cos θ) that the middle of a layer of sand shows on an incline [-]: 5 cells deep, on a floor
+    that sticks, a being its mean acceleration from 0.2 to 0.4 s after it was set free.
+
+    It is twenty depths long: the free ends slump, for a layer as steep as its floor has no slope left to rest at, and
+    what they take along comes inward by √(g h) = 0.7 m/s, 28 cells in that time. One of eight depths is in extension
+    all along, σ_xx = 0.7 σ_zz, and shows 0.40. Five cells wide, so that both sides are mirrors: beside a plain wall the
+    sharpening sees its pressure before it is taken up, and a corner of sand over a mirror creeps (4 mm/s at 20°).
+    """
+    cells, length, wide, dx, step = 5, 100, 5, 0.01, 0.02
+    theta = {"friction_angle": friction, "cohesion": 0.0}
+    sand = {"elastic": "hencky", "plastic": "drucker_prager_plane_strain", "theta": theta}
+    body = block((length, wide, cells), dx, rho=1500.0, **sand)
+    walls = (
+        HalfSpace(kind="sticky"),
+        HalfSpace(kind="slip", normal=(0.0, 1.0, 0.0)),
+        HalfSpace(kind="slip", point=(0.0, wide * dx, 0.0), normal=(0.0, -1.0, 0.0)),
+    )
+    a = math.radians(angle)
+    scene = {"dx": dx, "gravity": (G * math.sin(a), 0.0, -G * math.cos(a)), "boundaries": walls}
+    per = math.ceil(step / (0.4 * dx / (body.c + 0.5)))
+    states = run(s, body, step / per, per, 20, scene=scene)
+    middle = (body.x[:, 0] / dx - length / 2).abs() < 6
+    early, late = (float(states[k].v[middle, 0].mean()) for k in (10, 20))
+    return math.tan(a) - (late - early) / (10 * step) / (G * math.cos(a))
+
+
+@case("C8b", "Layer of sand on an incline", tier=1, schemes=("default",))
+def layer(s: Setting) -> list[Check]:
+    """a = g (sin θ − q cos θ), q = 3 tan φ/√(9 + 12 tan² φ) = 0.494 (26.3°) at φ = 31° in plane strain; a = 0 below.
+
+    With the flow of constant volume σ_xx = σ_yy = σ_zz in simple shear, so that τ_xz/σ_zz = 3α/√2 = q on the cone.
+    Half a cell at the floor or at the surface, a tenth of the depth, is not resolved: q to 10 %. At 24° the layer keeps
+    its velocity to 1 % of g cos θ, less than a quarter of what it would gain with q = 0.40.
+    """
+    q = 3 * math.tan(math.radians(31.0)) / math.sqrt(9 + 12 * math.tan(math.radians(31.0)) ** 2)
+    rests = math.tan(math.radians(24.0))
+    return [
+        near("friction it needs at 24°, at rest tan θ", glided(s, 24.0), rests, 0.01),
+        near("friction it shows at 30°", glided(s, 30.0), q, 0.1 * q),
+    ]
+
+
 def slumped(t: float) -> float:
     """Fall of a cylinder over its height, s' = 1 − 2t' (1 − ln 2t'), t' = τ_Y/(ρ g H) (Pashias et al. 1996, eq. 8)."""
     return 1 - 2 * t * (1 - math.log(2 * t))
