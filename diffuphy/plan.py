@@ -65,16 +65,27 @@ def make_plan(components: dict[str, Any], prompt: Prompt, *, accuracy: float | N
     material = dataclasses.replace(components["material"], elastic=elastic, plastic=plastic)
     resolved = components | {"material": material} | judged(components)
     lines = [
+        *prompt_lines(prompt),
         *chosen,
         Line("elastic experts", ", ".join(elastic), why),
         Line("plastic experts", ", ".join(plastic), why),
         *mixture_lines(elastic, plastic),
         *appearance_lines(components),
         *loss_lines(material),
-        *model_lines(components),
+        *model_lines(components, prompt),
         *error_lines(components),
     ]
     return Plan(resolved, tuple(lines))
+
+
+def prompt_lines(prompt: Prompt) -> list[Line]:
+    """What became of refinement by a language model; said in every run, also where its result is cached."""
+    if not prompt.turns:
+        return []
+    tried = f"{len(prompt.turns)} tried, taken: {prompt.look.text}"
+    if failure := prompt.turns[-1].failure:
+        return [Line("prompt refinement", "ended early", f"{failure}; force=prompt tries again; {tried}")]
+    return [Line("prompt refinement", "kept", tried)]
 
 
 def experts(material: Any, motion: Motion) -> tuple[tuple[str, ...], tuple[str, ...], str]:
@@ -144,12 +155,12 @@ def loss_lines(material: Any) -> list[Line]:
     ]
 
 
-def model_lines(components: dict[str, Any]) -> list[Line]:
+def model_lines(components: dict[str, Any], prompt: Prompt) -> list[Line]:
     backends = {type(components[s].guidance).__name__ for s in ("gaussians", "material")}
     heavy = sorted(backends - {"Analytic"})
     if heavy:
         return [Line("diffusion models", ", ".join(heavy), "asked for by guidance")]
-    why = "the embedded prior answers; diffusers and transformers are never imported"
+    why = "the embedded prior answers" + ("" if prompt.turns else "; diffusers and transformers are never imported")
     return [Line("diffusion models", "left out", why)]
 
 
