@@ -1,7 +1,7 @@
 """Refiners that talk: a language model is asked, its answer is read, and asked for again if it cannot be used."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from diffuphy.text2gs.refine.protocols import Picture, Refinement, Unavailable
 from diffuphy.text2gs.refine.reply import Message, Unusable, correction, opening, parse
@@ -11,7 +11,7 @@ from diffuphy.text2gs.refine.reply import Message, Unusable, correction, opening
 class Chat:
     """Base of the refiners with a language model. A backend says who it is and answers one conversation."""
 
-    corrections: int = 2
+    corrections: int = field(default=2, kw_only=True)
     """How often a model is told what is wrong with its answer before it is given up; small local ones need it."""
 
     def __post_init__(self) -> None:

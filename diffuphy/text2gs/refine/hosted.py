@@ -87,7 +87,7 @@ class OpenAI(Chat):
 
     # ------------------------------------------------------------------ one conversation
     def ask(self, messages: Sequence[Message], *, device: str) -> str:
-        import openai
+        import openai  # pyright: ignore[reportMissingImports]  # an extra
 
         spoken = [{"role": m.role, "content": _content(m, self.detail)} for m in messages]
         try:
@@ -114,7 +114,7 @@ class OpenAI(Chat):
 
     def _client(self) -> Any:
         if "client" not in self._memory:
-            import openai
+            import openai  # pyright: ignore[reportMissingImports]  # an extra
 
             key = os.environ.get(self.key_variable, "").strip()
             if not key and not self._server:

@@ -38,9 +38,7 @@ class Diffusion(Pretrained):
             with self.loading():
                 from diffusers import AutoPipelineForText2Image
 
-                options = self.options(device)
-                options["torch_dtype"] = options.pop("dtype")  # its name in diffusers
-                pipeline = AutoPipelineForText2Image.from_pretrained(self.model, **options)
+                pipeline = AutoPipelineForText2Image.from_pretrained(self.model, **self.options(device))
                 pipeline.set_progress_bar_config(disable=True)
                 self._memory["pipeline"] = pipeline.to(device)
         return self._memory["pipeline"]

@@ -27,7 +27,9 @@ def answer(number: int = 1) -> str:
 def completion(content: str | None, *, finish: str = "stop", refusal: str | None = None) -> bytes:
     message = {"role": "assistant", "content": content, "refusal": refusal}
     choice = {"index": 0, "finish_reason": finish, "message": message}
-    return json.dumps({"id": "x", "object": "chat.completion", "created": 0, "model": "m", "choices": [choice]}).encode()
+    return json.dumps(
+        {"id": "x", "object": "chat.completion", "created": 0, "model": "m", "choices": [choice]}
+    ).encode()
 
 
 @dataclass

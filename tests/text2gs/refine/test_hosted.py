@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-openai = pytest.importorskip("openai", reason="pip install 'diffuphy[llm]'")
+pytest.importorskip("openai", reason="pip install 'diffuphy[llm]'")
 sys.path.insert(0, str(Path(__file__).parent))
 from loopback import KEY, Counting, Reply, Swatches, answer, completion, error, refinement, says, serving
 
@@ -101,7 +101,7 @@ def test_what_can_be_mended_is(tmp_path, name, script, calls):
 
 @pytest.mark.parametrize(("name", "script", "calls", "why"), FAILED, ids=ids(FAILED))
 def test_what_cannot_be_mended_is_a_warning(tmp_path, caplog, name, script, calls, why):
-    """The words of the rules are kept, and one line says why; the server is not asked more often than it makes sense."""
+    """The words of the rules are kept, one line says why; the server is not asked more often than it makes sense."""
     rules = Rules(WORDS)(work=Workspace())
     with serving(*script) as server, caplog.at_level(logging.WARNING, "diffuphy"):
         prompt = refined(server.url, tmp_path, timeout=0.3 if "silent" in name else 5.0)
