@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from diffuphy.text2gs.refine.length import CONTEXT, tokens
+from diffuphy.text2gs.refine.length import LIMIT, tokens
 from diffuphy.text2gs.refine.protocols import Picture, Refinement
 
 LONGEST = 2000
@@ -32,7 +32,7 @@ SYSTEM = f"""You refine prompts for a text-to-3D system whose text encoder is CL
 does not follow complex logic. The score is the CLIP similarity of image and prompt; higher is better.
 Think step by step and write down every step:
 {_NUMBERED}
-Rules for the refined prompt: one English sentence of at most 50 words, which must fit into {CONTEXT} CLIP tokens. One \
+Rules for the refined prompt: one English sentence of at most 50 words, which must fit into {LIMIT} CLIP tokens. One \
 object, whole, centered, on a plain background. Say what it looks like, not how it moves. Keep every fact of the \
 original; add only what makes the object more definite: typical parts, colours, textures. Do not repeat the current \
 prompt.
@@ -118,6 +118,6 @@ def _checked(found: dict[str, Any]) -> Refinement:
         raise Unusable(f"{endless[0]!r} has {len(fields[endless[0]])} characters, at most {LONGEST} are allowed")
     if not re.search(r"[^\W\d_]", fields["prompt"]):
         raise Unusable("'prompt' has no words")
-    if (n := tokens(fields["prompt"])) > CONTEXT:
-        raise Unusable(f"'prompt' has {n} CLIP tokens, at most {CONTEXT} are read; shorten it")
+    if (n := tokens(fields["prompt"])) > LIMIT:
+        raise Unusable(f"'prompt' has {n} CLIP tokens, at most {LIMIT} are allowed; shorten it")
     return Refinement(**fields)

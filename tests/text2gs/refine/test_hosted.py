@@ -75,7 +75,7 @@ FAILED = [
     ("no JSON for ever", [says("no")] * 3, 3, "3 answers that cannot be used; the last: it holds no JSON object"),
     ("wrong schema for ever", [says('{"prompt": "a bun"}')] * 3, 3, "'original_analysis' is missing"),
     ("cut off for ever", [says("{", finish="length")] * 3, 3, "cut off"),
-    ("too long for ever", [says(flawed(prompt="sesame " * 80))] * 3, 3, "82 CLIP tokens, at most 77"),
+    ("too long for ever", [says(flawed(prompt="sesame " * 80))] * 3, 3, "82 CLIP tokens, at most 74"),
     ("silent for ever", [Reply(delay=0.6)] * 3, 3, "timed out"),
     ("lost connection for ever", [Reply(b"{", cut=True)] * 3, 3, "Connection error"),
     ("a web page", [Reply(b"<html>Log in</html>", headers={"Content-Type": "text/html"})], 1, "is base_url right"),
