@@ -117,7 +117,8 @@ def test_no_network_is_a_warning(caplog):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         url = f"http://127.0.0.1:{free.getsockname()[1]}/v1"
-    prompt = refined(url)
+    with caplog.at_level(logging.WARNING, "diffuphy"):
+        prompt = refined(url)
     assert "Connection refused" in prompt.turns[0].failure and len(caplog.records) == 1
 
 

@@ -161,7 +161,7 @@ def test_a_prompt_without_a_picture_is_not_taken(caplog, good, best, failures):
 
 def test_the_plan_says_at_every_run_that_refinement_ended_early():
     """Also when the stage is cached: the warning itself was given once."""
-    from diffuphy.plan import prompt_lines
+    from diffuphy.plan.wording import prompt_lines
 
     prompt, _ = run("one", Unavailable("no network"), table={"one": 0.3})
     (line,) = prompt_lines(prompt)
