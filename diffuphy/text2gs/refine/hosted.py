@@ -33,7 +33,8 @@ class OpenAI(Chat):
     base_url: str = ""
     """Where the server is, such as ``http://host:8000/v1``; empty: ``OPENAI_BASE_URL``, or else OpenAI's own."""
     key_variable: str = field(default="OPENAI_API_KEY", metadata={"runtime": True})
-    """Environment variable with the key. A server of one's own (``base_url``) may need none."""
+    """Environment variable with the key, which is sent to the server, whosever it is: name another variable for another
+    server. One's own may need none."""
     structured: bool = True
     """Ask for an answer that obeys the schema; a server that knows no schemas is then asked for plain JSON."""
     detail: Literal["low", "high", "auto"] = "low"
@@ -49,12 +50,8 @@ class OpenAI(Chat):
             raise ModuleNotFoundError("No module named 'openai'", name="openai")
         if not self.model:
             raise ValueError("model is empty; name one, such as gpt-4o")
-        if self.base_url:
-            url = urlsplit(self.base_url)
-            if url.scheme not in ("http", "https") or not url.netloc:
-                raise ValueError(f"base_url must begin with http:// or https://, got {url.scheme or 'no'} scheme")
-            if "@" in url.netloc or url.query:
-                raise ValueError("base_url must hold no credentials: settings are written to disk; use key_variable")
+        if self.base_url and (flaw := _flaw(self.base_url)):
+            raise ValueError(f"base_url {flaw}")
         if self.detail not in ("low", "high", "auto"):
             raise ValueError(f"detail must be 'low', 'high' or 'auto', got {self.detail!r}")
         if not self.timeout > 0:
@@ -69,8 +66,7 @@ class OpenAI(Chat):
 
     @property
     def identity(self) -> str:
-        url = urlsplit(self._server)
-        return f"openai {self.model}" + (f" at {url.netloc.rpartition('@')[2]}{url.path}" if self._server else "")
+        return f"openai {self.model}" + (f" at {self._server}" if self._server and not _flaw(self._server) else "")
 
     @property
     def _server(self) -> str:
@@ -122,6 +118,8 @@ class OpenAI(Chat):
                     f"{self.identity} needs a key: set {self.key_variable} in the environment, or name a server of "
                     "your own with refine.refiner.base_url"
                 )
+            if self._server and (flaw := _flaw(self._server)):
+                raise Unavailable(f"OPENAI_BASE_URL {flaw}")
             if not (key.isascii() and key.isprintable()):
                 raise Unavailable(f"the key in {self.key_variable} has characters that no key has; set it again")
             self._memory["client"] = openai.OpenAI(
@@ -166,8 +164,21 @@ class OpenAI(Chat):
         return f"{self.identity} cannot be asked ({self._short(f'{error} {error.__cause__ or str()}')}){remedy}"
 
     def _short(self, said: Any) -> str:
-        """What a server says, in one line. The key goes before the rest is cut off, which might cut the key in two."""
-        return " ".join(self.clean(str(said)).split())[:300]
+        """What a server says, in one line that a file can hold. The key goes before the rest is cut off, which might
+        cut the key in two."""
+        return " ".join(self.clean(str(said)).split())[:300].encode(errors="replace").decode()
+
+
+def _flaw(url: str) -> str:
+    """What is wrong with the address of a server, without repeating it."""
+    try:
+        parts = urlsplit(url)
+        whole = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
+    except ValueError:  # a port that is no number, half a bracket
+        return "must be an address like http://host:8000/v1"
+    if "@" in parts.netloc or parts.query:
+        return "must hold no credentials: settings are written to disk; use key_variable"
+    return "" if whole else "must be an address like http://host:8000/v1"
 
 
 def _content(message: Message, detail: str) -> Any:

@@ -73,7 +73,8 @@ def opening(original: str, current: str, picture: Picture | None, score: float |
 
 
 def correction(text: str, fault: Unusable) -> list[Message]:
-    """What follows an unusable answer."""
+    """What follows an unusable answer; of an endless one the beginning is enough."""
+    text = text[:WHOLE].encode(errors="replace").decode()
     again = f"That cannot be used: {fault}. Answer again with the JSON object alone."
     return [*([Message("assistant", text)] if text else []), Message("user", again)]
 

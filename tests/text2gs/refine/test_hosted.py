@@ -59,6 +59,8 @@ MENDED = [
     ("empty, then an answer", [says(None), says("  "), says(answer())], 3),
     ("too long for CLIP, then an answer", [says(flawed(prompt="sesame " * 80)), says(answer())], 2),
     ("half a character, then an answer", [says(flawed(prompt="a bun \ud83c")), says(answer())], 2),
+    ("half a character in the reply itself", [says(answer() + "\ud83c"), says(answer())], 1),
+    ("nothing but half a character", [says("\ud83c"), says(answer())], 2),
     ("silent, then an answer", [Reply(completion(answer()), delay=0.6), says(answer())], 2),
 ]
 
@@ -80,6 +82,9 @@ FAILED = [
     ("lost connection for ever", [Reply(b"{", cut=True)] * 3, 3, "Connection error"),
     ("a web page", [Reply(b"<html>Log in</html>", headers={"Content-Type": "text/html"})], 1, "is base_url right"),
     ("an error with status 200", [Reply(b'{"error": {"message": "overloaded"}}')], 1, "overloaded"),
+    ("an error with half a character", [Reply(b'{"error": "over\\ud83cloaded"}')], 1, "over?loaded"),
+    ("a refusal with half a character", [says(None, refusal="no\ud83c")], 1, "refused: no?"),
+    ("a status with half a character", [error(403, "no\ud83c")], 1, "no?"),
     ("no choices", [Reply(b'{"choices": []}')], 1, "is base_url right"),
     ("not an object", [Reply(b"[1, 2]")], 1, "is base_url right"),
 ]
@@ -106,6 +111,7 @@ def test_what_cannot_be_mended_is_a_warning(tmp_path, caplog, name, script, call
     with serving(*script) as server, caplog.at_level(logging.WARNING, "diffuphy"):
         prompt = refined(server.url, tmp_path, timeout=0.3 if "silent" in name else 5.0)
     assert (prompt.look, prompt.motion) == (rules.look, rules.motion)
+    prompt.save(tmp_path)
     assert why in prompt.turns[-1].failure
     assert [r.getMessage().count(prompt.turns[-1].failure) for r in caplog.records] == [1]
     assert "\n" not in caplog.records[0].getMessage()
@@ -226,6 +232,14 @@ def test_the_environment_may_name_the_server(monkeypatch):
         assert server.url.removeprefix("http://") in OpenAI().identity
 
 
+@pytest.mark.parametrize("url", ["http://host:secret/v1", "http://me:secret@host/v1", "host"])
+def test_a_broken_server_in_the_environment_is_one_line(monkeypatch, url):
+    monkeypatch.setenv("OPENAI_BASE_URL", url)
+    with pytest.raises(Unavailable, match="OPENAI_BASE_URL must") as e:
+        OpenAI().refine("a", "a", None, None, device="cpu")
+    assert "secret" not in str(e.value)
+
+
 @pytest.mark.parametrize("key", ["sk-ü-12345678", "sk-1\n2345678"])
 def test_a_broken_key_is_one_line(monkeypatch, key):
     monkeypatch.setenv("OPENAI_API_KEY", key)
@@ -237,7 +251,9 @@ def test_a_broken_key_is_one_line(monkeypatch, key):
     ("settings", "says"),
     [
         ({"model": ""}, "model is empty"),
-        ({"base_url": "host:8000/v1"}, "must begin with http"),
+        ({"base_url": "host:8000/v1"}, "like http://host:8000/v1"),
+        ({"base_url": "http://host:secret/v1"}, "like http://host:8000/v1"),
+        ({"base_url": "http://[secret/v1"}, "like http://host:8000/v1"),
         ({"base_url": "http://me:secret@host/v1"}, "no credentials"),
         ({"base_url": "http://host/v1?key=secret"}, "no credentials"),
         ({"detail": "sharp"}, "detail must be"),
