@@ -87,7 +87,7 @@ def serving(*script: Reply):
             self.close_connection = True
 
     http = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    http.daemon_threads = True
+    http.daemon_threads = False  # closing waits for them: every request is then in the list
     server = Server(f"http://127.0.0.1:{http.server_port}/v1", list(script))
     thread = threading.Thread(target=http.serve_forever, kwargs={"poll_interval": 0.01}, daemon=True)
     thread.start()

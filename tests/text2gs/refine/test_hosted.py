@@ -61,7 +61,7 @@ MENDED = [
     ("half a character, then an answer", [says(flawed(prompt="a bun \ud83c")), says(answer())], 2),
     ("half a character in the reply itself", [says(answer() + "\ud83c"), says(answer())], 1),
     ("nothing but half a character", [says("\ud83c"), says(answer())], 2),
-    ("silent, then an answer", [Reply(completion(answer()), delay=0.6), says(answer())], 2),
+    ("silent, then an answer", [Reply(completion(answer()), delay=3.0), says(answer())], 2),
 ]
 
 FAILED = [
@@ -78,7 +78,7 @@ FAILED = [
     ("wrong schema for ever", [says('{"prompt": "a bun"}')] * 3, 3, "'original_analysis' is missing"),
     ("cut off for ever", [says("{", finish="length")] * 3, 3, "cut off"),
     ("too long for ever", [says(flawed(prompt="sesame " * 80))] * 3, 3, "82 CLIP tokens, at most 74"),
-    ("silent for ever", [Reply(delay=0.6)] * 3, 3, "timed out"),
+    ("silent for ever", [Reply(delay=0.8)] * 3, 3, "timed out"),
     ("lost connection for ever", [Reply(b"{", cut=True)] * 3, 3, "Connection error"),
     ("a web page", [Reply(b"<html>Log in</html>", headers={"Content-Type": "text/html"})], 1, "is base_url right"),
     ("an error with status 200", [Reply(b'{"error": {"message": "overloaded"}}')], 1, "overloaded"),
@@ -97,7 +97,7 @@ def ids(cases):
 @pytest.mark.parametrize(("name", "script", "calls"), MENDED, ids=ids(MENDED))
 def test_what_can_be_mended_is(tmp_path, name, script, calls):
     with serving(*script) as server:
-        prompt = refined(server.url, tmp_path, timeout=0.3 if "silent" in name else 5.0)
+        prompt = refined(server.url, tmp_path, timeout=2.0 if "silent" in name else 5.0)
     assert prompt.look.text == refinement().prompt
     assert prompt.turns[0].reply == refinement().asdict()
     assert [t.failure for t in prompt.turns] == ["", ""]
@@ -109,7 +109,7 @@ def test_what_cannot_be_mended_is_a_warning(tmp_path, caplog, name, script, call
     """The words of the rules are kept, one line says why; the server is not asked more often than it makes sense."""
     rules = Rules(WORDS)(work=Workspace())
     with serving(*script) as server, caplog.at_level(logging.WARNING, "diffuphy"):
-        prompt = refined(server.url, tmp_path, timeout=0.3 if "silent" in name else 5.0)
+        prompt = refined(server.url, tmp_path, timeout=0.5 if "silent" in name else 5.0)
     assert (prompt.look, prompt.motion) == (rules.look, rules.motion)
     prompt.save(tmp_path)
     assert why in prompt.turns[-1].failure
