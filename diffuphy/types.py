@@ -120,15 +120,32 @@ class Motion:
 
 
 @dataclass(frozen=True)
+class Turn:
+    """One turn of prompt refinement: a prompt, how good its picture is, what was said about it."""
+
+    prompt: str
+    """The words for an image encoder that were tried."""
+    scores: dict[str, float] = field(default_factory=dict)
+    """Similarity of the picture to this prompt ("current") and to the first one ("original"); empty without a score."""
+    reply: dict[str, str] = field(default_factory=dict)
+    """The refiner's chain of thought, step by step, the next prompt last; empty where it was not asked."""
+    failure: str = ""
+    """Why refinement ended here before its time."""
+
+
+@dataclass(frozen=True)
 class Prompt(Result):
     """A sentence, understood."""
 
     look: Look
     motion: Motion
+    turns: tuple[Turn, ...] = ()
+    """How a language model came to ``look.text``; empty if none was asked. No later stage depends on it."""
 
     @classmethod
     def _from_data(cls, data: dict[str, Any]) -> Self:
-        return cls(look=Look(**data["look"]), motion=Motion(**data["motion"]))
+        turns = tuple(Turn(**t) for t in data.get("turns", ()))
+        return cls(look=Look(**data["look"]), motion=Motion(**data["motion"]), turns=turns)
 
 
 @dataclass(frozen=True)

@@ -47,13 +47,13 @@ meet in the configuration."""
 
 HEAVY = {
     "accelerate": (),
-    "diffusers": ("losses/guidance/",),
+    "diffusers": ("losses/guidance/", "text2gs/refine/"),
     "gsplat": ("render/",),
     "huggingface_hub": ("losses/guidance/", "metrics/", "text2gs/refine/"),
     "imageio_ffmpeg": ("render/",),
     "lpips": ("metrics/",),
     "matplotlib": (),
-    "open_clip": ("metrics/", "losses/guidance/"),
+    "open_clip": ("metrics/", "losses/guidance/", "text2gs/refine/"),
     "openai": ("text2gs/refine/",),
     "torchmetrics": ("metrics/",),
     "torchvision": ("losses/", "metrics/"),

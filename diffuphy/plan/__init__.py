@@ -18,6 +18,7 @@ from diffuphy.plan.line import Line, Plan
 from diffuphy.plan.materials import experts, mixture_lines, pruned_lines
 from diffuphy.plan.pictures import film_lines, object_lines
 from diffuphy.plan.scenery import scene_lines, scheme_lines
+from diffuphy.plan.wording import prompt_lines
 from diffuphy.types import Prompt
 
 __all__ = ["Line", "Plan", "cost_lines", "make_plan", "predicted", "pruned_lines", "stage_lines"]
@@ -43,6 +44,7 @@ def make_plan(
     material = dataclasses.replace(components["material"], elastic=elastic, plastic=plastic)
     resolved = components | {"material": material} | judged(components)
     lines = [
+        *prompt_lines(prompt),
         *chosen,
         Line("elastic experts", ", ".join(elastic), why),
         Line("plastic experts", ", ".join(plastic), why),

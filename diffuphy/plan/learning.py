@@ -37,5 +37,5 @@ def model_lines(components: Mapping[str, Any]) -> list[Line]:
     heavy = sorted(backends - {"Analytic"})
     if heavy:
         return [Line("diffusion models", ", ".join(heavy), "asked for by guidance; what they take is not predicted")]
-    why = "the embedded prior answers; diffusers and transformers are never imported"
+    why = "guidance is the embedded prior, which needs none"
     return [Line("diffusion models", "left out", why)]
