@@ -49,7 +49,8 @@ def study(matter: str, quick: bool) -> Share:
     nus = courant.NUS[1:2] if quick else courant.NUS
     courants = [courant.largest(matter, nu, alone) for alone in (False, True) for nu in nus]
     substeps = 1000 if quick else endurance.SUBSTEPS
-    long = [endurance.endure(Cell(matter, precision=p), substeps) for p in ("float64", "float32")]
+    precisions = ("float64", "float32") if endurance.holds(matter) else ()
+    long = [endurance.endure(Cell(matter, precision=p), substeps) for p in precisions]
     return Share(matter, cells, courants, long)
 
 
