@@ -63,7 +63,8 @@ def make_plan(components: dict[str, Any], prompt: Prompt, *, accuracy: float | N
     components, chosen = refined(components, prompt, accuracy)
     elastic, plastic, why = experts(components["material"], prompt.motion)
     material = dataclasses.replace(components["material"], elastic=elastic, plastic=plastic)
-    resolved = components | {"material": material} | judged(components)
+    resolved = components | {"material": material}
+    resolved |= judged(components) | scored(resolved)
     lines = [
         *chosen,
         Line("elastic experts", ", ".join(elastic), why),
@@ -73,6 +74,7 @@ def make_plan(components: dict[str, Any], prompt: Prompt, *, accuracy: float | N
         *loss_lines(material),
         *model_lines(components),
         *error_lines(components),
+        *score_lines(resolved),
     ]
     return Plan(resolved, tuple(lines))
 
@@ -179,6 +181,26 @@ def error_lines(components: dict[str, Any]) -> list[Line]:
         return [Line("error estimate", "left out", "report.error=off")]
     drafts = ["twice the grid spacing", *["half the time step"] * e.time, *["the other precision"] * e.precision]
     return [Line("error estimate", "kept", f"coarse drafts with {', '.join(drafts)}")]
+
+
+def scored(components: dict[str, Any]) -> dict[str, Any]:
+    """The evaluation, made of the run that it scores, of what this machine can compute."""
+    if "evaluate" not in components or components["evaluate"].score == "off":
+        return {}
+    return {"evaluate": components["evaluate"].planned(components)}
+
+
+def score_lines(components: dict[str, Any]) -> list[Line]:
+    if "evaluate" not in components:
+        return []
+    e = components["evaluate"]
+    if e.score == "off":
+        return [Line("scores", "left out", "evaluate.score=off")]
+    reasons: dict[str, list[str]] = {}
+    for name, why in e.absent.items():
+        reasons.setdefault(why, []).append(name)
+    left = [Line(", ".join(names), "left out", why) for why, names in reasons.items()]
+    return [Line("scores", "kept", "physical checks, silhouettes and colours need no weights"), *left]
 
 
 def stage_lines(stages: list[Stage], cached: dict[str, Path], until: str, force: list[str]) -> list[Line]:
