@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Literal
 import torch
 from torch import Tensor
 
+from diffuphy.material.net import Untrained
 from diffuphy.metrics import picture
 from diffuphy.metrics.book import Book
 from diffuphy.metrics.frechet import frechet, kernel, windows
@@ -57,7 +58,7 @@ class Evaluate:
     """Seeds of untrained material networks whose films are compared with; three make an error bar, each costs a
     film."""
     views: int = 8
-    """Views of the turntable; more than three, so that one is from behind."""
+    """Views of the turntable; at least four, so that one is from behind."""
     side: int = 128
     """Shorter side of silhouettes, turntable and the clips of FVD [px]; 224 is what CLIP and I3D look at."""
     cameras: int = 4
@@ -77,9 +78,9 @@ class Evaluate:
     """Why a metric is left out, by its name; the plan's."""
 
     def __post_init__(self) -> None:
-        if self.views < 3 or self.side < 16 or self.side % 2:
+        if self.views < 4 or self.side < 16 or self.side % 2:
             raise ValueError(
-                f"views must be at least 3 and side even and at least 16 px, got {self.views} and {self.side}"
+                f"views must be at least 4 and side even and at least 16 px, got {self.views} and {self.side}"
             )
         if self.cameras < 1 or self.stride < 1:
             raise ValueError(f"cameras and stride must be at least 1, got {self.cameras} and {self.stride}")
@@ -195,7 +196,8 @@ class Evaluate:
     def _untrained(self, seed: int, cast: tuple[Look, Motion, Gaussians, Particles], work: Workspace) -> Trajectory:
         """The motion of the same object with the material that a network says before any training."""
         fit = self.material
-        network = dataclasses.replace(fit.net, seed=seed)
+        settings = {f.name: getattr(fit.net, f.name) for f in dataclasses.fields(fit.net)}
+        network = Untrained(**settings | {"seed": seed})
         fit = dataclasses.replace(fit, steps=0, stiffness_steps=0, net=network, seed=seed)
         assert self.scene is not None
         corner = None if work.directory is None else work.directory / f"reference_{seed}"

@@ -31,7 +31,7 @@ MAY_IMPORT = {
     "fit_material": {"types", "workspace", "render", "material", "mpm", "losses", "appearance", "probe", "scan"},
     "errors": {"types", "workspace", "mpm", "render"},
     "shots": {"types", "workspace", "render"},
-    "evaluate": {"types", "workspace", "mpm", "render", "metrics", "shots"},
+    "evaluate": {"types", "workspace", "material", "mpm", "render", "metrics", "shots"},
     "accuracy": {"types", "material"},
     "plan": {"types", "artifact", "material", "accuracy"},
     "pipeline": {"types", "artifact", "plan", "metrics"},

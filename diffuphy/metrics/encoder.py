@@ -1,5 +1,6 @@
 """Pictures and words in one space: CLIP (Radford et al. 2021) through open_clip."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,9 +14,6 @@ from diffuphy.metrics.weights import missing
 
 FILES = ("open_clip_model.safetensors", "open_clip_pytorch_model.bin")
 """Weights as open_clip keeps them."""
-
-LOCAL = "local-dir:"
-"""open_clip's own prefix of a folder with weights and their configuration."""
 
 
 class Encoder(Protocol):
@@ -43,7 +41,8 @@ class OpenClip:
     """
 
     model: str = "ViT-B-32-quickgelu"
-    """Architecture; or ``local-dir:/path`` to a folder with ``open_clip_config.json`` and weights."""
+    """Architecture; or a path, beginning with ``/``, ``.`` or ``~``, of a folder with ``open_clip_config.json`` and
+    weights."""
     pretrained: str = "openai"
     """Tag of the weights; not looked at with a folder. ViT-B-32 with laion2b_s34b_b79k works as well."""
     repo: str = "timm/vit_base_patch32_clip_224.openai"
@@ -54,7 +53,7 @@ class OpenClip:
     def __post_init__(self) -> None:
         if self.batch < 1:
             raise ValueError(f"batch must be at least 1, got {self.batch}")
-        if self.pretrained == "openai" and not self.model.startswith(LOCAL) and "quickgelu" not in self.model:
+        if self.pretrained == "openai" and self._folder is None and "quickgelu" not in self.model:
             raise ValueError(
                 f"the weights 'openai' need the activation QuickGELU, which {self.model!r} has not; "
                 f"use {self.model + '-quickgelu'!r}"
@@ -62,21 +61,24 @@ class OpenClip:
 
     @property
     def _folder(self) -> str | None:
-        return self.model.removeprefix(LOCAL) if self.model.startswith(LOCAL) else None
+        """Path of the weights, if the model is one."""
+        return os.path.expanduser(self.model) if self.model.startswith(("/", ".", "~")) else None
 
     def missing(self) -> str | None:
-        return missing(self._folder or self.repo, FILES, f"model={LOCAL}")
+        return missing(self._folder or self.repo, FILES, "the encoder's model")
 
     @cached_property
     def _network(self) -> tuple[Any, Any]:
         """Network and tokeniser, loaded on first use."""
         import open_clip
 
-        pretrained = None if self._folder else self.pretrained
-        if pretrained is not None:
+        if self._folder is None:
             self._check_activation(open_clip)
-        network = open_clip.create_model(self.model, pretrained=pretrained).eval().requires_grad_(False)
-        return network, open_clip.get_tokenizer(self.model)
+            name, pretrained = self.model, self.pretrained
+        else:
+            name, pretrained = f"local-dir:{self._folder}", None  # open_clip's own word for a folder
+        network = open_clip.create_model(name, pretrained=pretrained).eval().requires_grad_(False)
+        return network, open_clip.get_tokenizer(name)
 
     def _check_activation(self, open_clip: Any) -> None:
         """Refuse weights that were trained with another activation than the model would run."""
