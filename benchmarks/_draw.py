@@ -86,7 +86,7 @@ def table(
     path: Path, title: str, rows: Sequence[str], panels: Sequence[Panel], legend: Sequence[tuple[str, str]]
 ) -> None:
     """Panels side by side with the same rows; ``legend``: colours and what they mean."""
-    cell_w, cell_h, gap, left, top = 42, 22, 22, 14 + 6.6 * max(map(len, rows)), 92
+    cell_w, cell_h, gap, left, top = 48, 22, 22, 14 + 6.6 * max(map(len, rows)), 92
     width = left + sum(cell_w * len(p.columns) + gap for p in panels) + 10
     sheet = Sheet(max(width, 720), top + cell_h * len(rows) + 16)
     sheet.text(12, 18, title, size=16)

@@ -237,7 +237,7 @@ def main() -> int:
     jobs = [("falls again and again", E) for E in (STIFF[1:2] if options.quick else STIFF)]
     if not options.quick:
         jobs += [(name, 1e5) for name in SCENES if name != "falls again and again"]
-    exact = [r for name, E in jobs for r in exactness(name, E, horizons, STEPS[1:3] if options.quick else STEPS)]
+    exact = [r for name, E in jobs for r in exactness(name, E, horizons, STEPS[2:] if options.quick else STEPS)]
     stiff = STIFF[1:2] if options.quick else STIFF
     cut = [r for E in stiff for r in truncation("falls again and again", E, horizons, WINDOWS)]
     raw, pages = (DOCS / "benchmarks" / "gradients", DOCS / "numerics") if options.out is None else (options.out,) * 2

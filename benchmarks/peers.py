@@ -12,8 +12,6 @@ does is checked: both films agree as two discretisations of one order do.
 
 import argparse
 import json
-import os
-import platform
 import statistics
 import time
 from pathlib import Path
@@ -21,7 +19,7 @@ from pathlib import Path
 import torch
 import warp as wp
 
-from benchmarks.throughput import N_SUB, SCHEMES, Body, body
+from benchmarks.speed.body import N_SUB, SCHEMES, Body, body, describe
 from diffuphy.mpm import Scheme
 
 CASE = "fixed corotated"
@@ -263,7 +261,7 @@ def main() -> None:
     for n in options.particles:
         rows.append(measure(n, options.repeat))
         print(json.dumps(rows[-1]), flush=True)
-    machine = f"one of {os.cpu_count()} cores ({platform.machine()}), torch {torch.__version__}"
+    machine = describe()
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "peers.json").write_text(json.dumps({"machine": machine, "rows": rows}, indent=1))
     (options.out / "peers.md").write_text(page(machine, rows))

@@ -130,7 +130,7 @@ class Estimate:
 
 def check_size(size: float, dx: float) -> None:
     """Refuse a draft of a body that its grid does not see."""
-    if size < FEWEST * dx:
+    if FEWEST * dx > size * (1 + 1e-6):  # a spacing is a rounded quotient
         raise ValueError(
             f"the longest side, {size:.3g} m, must span at least {FEWEST} cells of the draft, {dx:.3g} m each; "
             "take more particles for the film, or leave the estimate out with report.error=off"

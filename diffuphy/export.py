@@ -68,7 +68,7 @@ def export(
         views=views(gaussians),
         maps=maps(gaussians, particles, field),
         curves=curves(at),
-        plan=[(line.what, line.decision, line.why) for line in plan.lines],
+        plan=[(line.what, line.decision, line.because) for line in plan.lines],
         settings=settings,
         stages=[{"name": d.name, "cached": d.cached, "seconds": d.seconds, "megabytes": d.megabytes} for d in done],
         numbers=numbers(at),
@@ -144,6 +144,7 @@ NOTES = {
     "hardened_loss": "clip loss of the field that is filmed, every particle on one law",
     "loss_at_table": "clip loss at the reference's own parameters: below it one fits discretisation",
     "held_out_motion": "mean squared pixel difference to the table's material in another motion",
+    "pruning_change": "largest distance in a drop, over the object's size, with all candidates and with those left",
     "log10_E": "mean stiffness [log₁₀ Pa]",
 }
 

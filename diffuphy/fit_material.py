@@ -194,7 +194,8 @@ class FitMaterial:
         groups = [{"params": list(net.parameters()), "lr": self.lr}, {"params": [shift], "lr": self.lr_region}]
         optimiser = torch.optim.Adam(groups, betas=(0.9, 0.95))
         generator = torch.Generator().manual_seed(self.seed)
-        gather = (self.velocity.needs,) if self.velocity is not None and self.velocity.needs else ()
+        velocity = self.velocity if self.velocity is not None and self.velocity.weight else None
+        gather = (velocity.needs,) if velocity is not None and velocity.needs else ()
         if "net" in state:
             net.load_state_dict(state["net"])
             optimiser.load_state_dict(state["optimiser"])
@@ -212,8 +213,8 @@ class FitMaterial:
                 trajectory = bench.simulate(field, frames, gate_time=self.gate_time, report=reports, gather=gather)
                 t = self.t_range[0] + (self.t_range[1] - self.t_range[0]) * float(torch.rand((), generator=generator))
                 loss = distilled = cond.distil(bench.film(trajectory), t=t, generator=generator, weight=self.weight)
-                if self.velocity is not None and self.velocity.weight:
-                    loss = loss + bench.velocity_loss(self.velocity, trajectory, field, reports)
+                if velocity is not None:
+                    loss = loss + bench.velocity_loss(velocity, trajectory, field, reports)
                 if self.smooth:
                     loss = loss + self.smooth * spread(field.theta["E"].log10(), labels)
                 optimiser.zero_grad()
@@ -268,7 +269,10 @@ class FitMaterial:
         self, bench: Bench, cond: Conditions, field: MaterialField, table: MaterialField, work: Workspace
     ) -> None:
         """Hardened loss, held-out motion, and the loss at the table itself: below it one fits discretisation."""
-        numbers = {"hardened_loss": cond.score(bench.clip(prune(field).field), self.weight)}
+        pruned = prune(field)
+        numbers = {"hardened_loss": cond.score(bench.clip(pruned.field), self.weight)}
+        if pruned.dropped:
+            numbers["pruning_change"] = bench.change(field, pruned.field)
         if isinstance(getattr(cond.guidance, "references", None), TableClips):
             numbers["loss_at_table"] = cond.score(bench.clip(prune(table).field), self.weight)
             other = dataclasses.replace(self.probe, speed=1.7 * self.probe.speed, tilt=0.25).scene(

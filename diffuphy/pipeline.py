@@ -1,13 +1,14 @@
 """The table of the stages, and the run that walks along it."""
 
+import json
 import logging
 import os
 from pathlib import Path
 from typing import Any
 
-from diffuphy.artifact import Done, Stage, Store, check_names
+from diffuphy.artifact import SCRATCH, Done, Stage, Store, check_names
 from diffuphy.metrics.score import Scores
-from diffuphy.plan import Plan, make_plan, stage_lines
+from diffuphy.plan import Line, Plan, cost_lines, make_plan, predicted, pruned_lines, stage_lines
 from diffuphy.types import Clip, Errors, Gaussians, MaterialField, Particles, Prompt, Trajectory
 
 log = logging.getLogger(__name__)
@@ -62,19 +63,37 @@ def run(
     check_names(first, (until, *force))
     until = last(first, until)
     (prompt,) = store.run(first, "prompt", force=[f for f in force if f == "prompt"])
-    plan = make_plan(components, Prompt.load(prompt.path), accuracy=accuracy)
+    words = Prompt.load(prompt.path)
+    plan = make_plan(components, words, accuracy=accuracy, device=store.device)
     table = stages(plan.components)
     cached = store.look_up(table)
-    plan = Plan(plan.components, (*stage_lines(table, cached, until, force), *plan.lines))
+    known = len(Particles.load(cached["particles"])) if "particles" in cached else None
+    cost = predicted(plan.components, words, particles=known, device=store.device)
+    running = stage_lines(table, cached, until, force, cost)
+    plan = Plan(plan.components, (*running, *cost_lines(running, cost), *plan.lines))
     log.info("%s", plan)
     if run_dir is not None:
         run_dir.mkdir(parents=True, exist_ok=True)
         plan.save(run_dir / "plan.json")
     done = [prompt, *store.run(table, until, force=[f for f in force if f != "prompt"])[1:]]
+    plan = Plan(plan.components, (*plan.lines, *_trained(done, plan)))
     if run_dir is not None:
+        plan.save(run_dir / "plan.json")
         for number, d in enumerate(done, 1):
             _link(run_dir / f"{number}_{d.name}", d.path)
     return done, plan
+
+
+def _trained(done: list[Done], plan: Plan) -> list[Line]:
+    """What the training has decided."""
+    path = next((d.path for d in done if d.name == "material"), None)
+    if path is None:
+        return []
+    summary = path / SCRATCH / "summary.json"
+    numbers = json.loads(summary.read_text(encoding="utf-8")) if summary.exists() else {}
+    material = plan.components["material"]
+    candidates = {"elastic": material.elastic, "plastic": material.plastic}
+    return pruned_lines(MaterialField.load(path), candidates, numbers)
 
 
 def _link(link: Path, target: Path) -> None:

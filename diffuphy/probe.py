@@ -168,6 +168,12 @@ class Bench:
             images.append(image.rgb[0])
         return torch.stack(images)
 
+    def change(self, before: MaterialField, after: MaterialField) -> float:
+        """Largest distance between two materials' drops at any frame, over the size of the object [-]."""
+        with torch.no_grad():
+            x, y = (self.simulate(field).x for field in (before, after))
+        return float((x - y).norm(dim=-1).max()) / self.size
+
     def clip(self, field: MaterialField, frames: int | None = None, *, gate_time: float | None = None) -> Tensor:
         return self.film(self.simulate(field, frames, gate_time=gate_time))
 

@@ -12,6 +12,7 @@ from diffuphy.material.presets import PRESETS
 from diffuphy.mpm.sample import Sample
 from diffuphy.mpm.trajectory import Simulate
 from diffuphy.plan import make_plan
+from diffuphy.render.clip import Film
 from diffuphy.text2gs.fit import FitGaussians
 from diffuphy.types import Look, Motion, Prompt
 
@@ -92,6 +93,7 @@ def components():
         "particles": Sample(),
         "material": FitMaterial(guidance=Analytic(layout="clip", s=0.0)),
         "trajectory": Simulate(),
+        "clip": Film(),
     }
 
 

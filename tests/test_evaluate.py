@@ -13,7 +13,7 @@ from diffuphy.evaluate import Evaluate, world
 from diffuphy.material import presets
 from diffuphy.metrics.score import Score, Scores
 from diffuphy.mpm.trajectory import Simulate
-from diffuphy.plan import score_lines
+from diffuphy.plan.scores import score_lines
 from diffuphy.render.clip import Film
 from diffuphy.scorecard import line, markdown, scorecard, section
 from diffuphy.shots import Shot, Turntable
@@ -78,7 +78,9 @@ def test_what_is_not_there_is_left_out_with_its_reason():
     assert "diffusion model" in plan.absent["PSNR to the prior"]
     lines = {part: row for row in score_lines({"evaluate": plan}) for part in row.what.split(", ")}
     assert lines["CLIPSIM"].decision == "left out" and "hf download" in lines["CLIPSIM"].why
-    assert score_lines({"evaluate": Evaluate(score="off")})[0].why == "evaluate.score=off"
+    assert lines["Diff_SSIM"].would["evaluate"].references == (0,), "what one reference costs is told"
+    off = score_lines({**COMPONENTS, "evaluate": Evaluate(score="off")})[0]
+    assert off.why == "evaluate.score=off" and off.would["evaluate"].scene is SCENE
 
 
 def test_references_change_the_key_and_what_is_unused_does_not():

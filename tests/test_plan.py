@@ -6,20 +6,29 @@ import json
 import pytest
 import torch
 
+from diffuphy.artifact import Stage
+from diffuphy.cost import predict
 from diffuphy.fit_material import FitMaterial
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.losses.velocity import Velocity
+from diffuphy.mpm import Scheme
 from diffuphy.mpm.sample import Sample
-from diffuphy.plan import make_plan
+from diffuphy.mpm.trajectory import Simulate
+from diffuphy.plan import cost_lines, make_plan, predicted, pruned_lines, stage_lines
+from diffuphy.render import Film
 from diffuphy.text2gs.fit import FitGaussians
-from diffuphy.types import Look, Motion, Prompt
+from diffuphy.text2gs.refine.rules import Rules
+from diffuphy.types import Look, MaterialField, Motion, Prompt
 
 
 def components(**material):
     return {
+        "prompt": Rules(prompt="a burger falling"),
         "gaussians": FitGaussians(guidance=Analytic(layout="views")),
         "particles": Sample(),
         "material": FitMaterial(guidance=Analytic(layout="clip", s=0.0), **material),
+        "trajectory": Simulate(),
+        "clip": Film(),
     }
 
 
@@ -96,3 +105,85 @@ def test_making_a_plan_draws_no_random_number():
     state = torch.get_rng_state()
     make_plan(components(), prompt("rubber"))
     assert torch.equal(state, torch.get_rng_state())
+
+
+def omitted(plan):
+    return {line.what: line for line in plan.lines if line.decision == "left out"}
+
+
+def test_every_part_that_a_scene_could_have_has_a_line():
+    """The features of the elimination matrix, and those of learning and film."""
+    parts = {
+        "return mapping", "deformation gradients", "principal decomposition", "mixture weights", "memory",
+        "viscous branch", "gravity", "walls", "friction", "moving walls", "drives", "half kick", "mirror walls",
+        "sharpening", "retention", "elastic contact", "cubic splines", "double precision", "diagnostics",
+        "spherical harmonics", "densification", "interior fill", "video SDS", "gradient", "velocity loss",
+        "gathered sums", "enumeration", "diffusion models", "floor", "shadow", "supersampling",
+    }  # fmt: skip
+    plan = make_plan(components(), prompt("rubber"))
+    assert parts <= {line.what for line in plan.lines}
+    assert all(line.why for line in plan.lines)
+
+
+def test_the_scene_decides_which_walls_move():
+    assert decision(make_plan(components(), prompt("rubber")), "moving walls") == "left out"
+    assert decision(make_plan(components(), prompt("rubber", verb="squashed")), "moving walls") == "kept"
+
+
+@pytest.mark.parametrize(
+    ("what", "changed"),
+    [
+        ("video SDS", {"material": {"steps": 0}}),
+        ("enumeration", {"material": {"stiffness_steps": 0}}),
+        ("shadow", {"clip": {"shadow": 0.0}}),
+        ("half kick", {"trajectory": {"scheme": Scheme(half_kick=False)}}),
+        ("sharpening", {"trajectory": {"scheme": Scheme(sharpen=False, mirror=False)}}),
+    ],
+)
+def test_an_omission_saves_what_the_part_would_cost(what, changed):
+    """saved = cost of a run with the part − cost of this one, in seconds and megabytes; never less than nothing."""
+    made = components()
+    made |= {stage: dataclasses.replace(made[stage], **settings) for stage, settings in changed.items()}
+    plan = make_plan(made, prompt("rubber"))
+    line = omitted(plan)[what]
+    other = predict({**plan.components, **line.would}, prompt("rubber"))
+    assert line.seconds == pytest.approx(other.seconds - predict(plan.components, prompt("rubber")).seconds)
+    assert line.seconds > 0 and line.megabytes >= 0
+    assert "saves" in line.because
+
+
+def test_costs_of_stages_add_up_and_a_cached_stage_costs_nothing():
+    made = make_plan(components(), prompt("rubber")).components
+    cost = predict(made, prompt("rubber"))
+    names = [Stage(name, None, None) for name in cost.stages]
+    lines = stage_lines(names, [], "clip", [], cost)
+    (total,) = cost_lines(lines, cost)
+    assert total.seconds == pytest.approx(cost.seconds) and total.megabytes == pytest.approx(cost.bytes / 1e6)
+    cached = stage_lines(names, ["prompt", "gaussians"], "material", [], cost)
+    (rest,) = cost_lines(cached, cost)
+    assert rest.seconds == pytest.approx(cost.stages["particles"].seconds + cost.stages["material"].seconds)
+    assert [line.decision for line in cached] == ["cached", "cached", "run", "run", "left out", "left out"]
+
+
+def test_pruned_experts_are_said_with_what_it_changed():
+    one = torch.ones(3, 1)
+    field = MaterialField(("hencky",), ("von_mises",), one, one, {}, one[:, 0])
+    candidates = {"elastic": ("hencky",), "plastic": ("identity", "von_mises")}
+    (line,) = pruned_lines(field, candidates, {"pruning_change": 2e-7})
+    assert line.what == "plastic experts of the film" and line.decision == "von_mises"
+    assert "identity" in line.why and "2.0e-07" in line.why
+    assert pruned_lines(field, {"elastic": ("hencky",)}, {}) == []
+
+
+def test_components_that_nobody_can_count_leave_the_cost_out():
+    """A stage of somebody's own: the plan is made without prices, and the log says what is missing."""
+
+    @dataclasses.dataclass(frozen=True)
+    class Mine:
+        sh_degree: int = 0
+        densify: None = None
+        guidance: Analytic = Analytic(layout="views")
+
+    plan = make_plan(components() | {"gaussians": Mine()}, prompt("rubber"))
+    assert all(line.seconds is None for line in plan.lines)
+    assert predicted(plan.components, prompt("rubber")) is None and cost_lines([], None) == []

@@ -190,7 +190,11 @@ def play(cell: Cell, body: Body, scene: Scene, twin: Tensor | None = None) -> tu
 def measure(
     cell: Cell, body: Body, scene: Scene, states: list[State], reports: list[FrameReport]
 ) -> tuple[dict[str, float], float]:
-    """The numbers of ``LIMITS``, and the share of energy lost; in float64 whatever the run was in."""
+    """The numbers of ``LIMITS``, and the share of energy lost; in float64 whatever the run was in. NaN, all of them, if
+    anything in a state is not finite."""
+    tensors = [t for s in states for t in s.tensors() if t is not None]
+    if not all(bool(torch.isfinite(t).all()) for t in tensors):
+        return dict.fromkeys(("gain", "momentum", "shrunk", "sunk"), math.nan), math.nan
     gain, put, last = books(cell, body, scene, states)
     J = torch.stack([torch.linalg.det(s.He.double() + torch.eye(3, dtype=torch.float64)) for s in states])
     low = min(float(s.x[:, 2].min()) for s in states)

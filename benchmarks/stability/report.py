@@ -5,6 +5,7 @@ import concurrent.futures
 import csv
 import dataclasses
 import json
+import logging
 import math
 import multiprocessing
 import os
@@ -18,7 +19,9 @@ from benchmarks.stability import courant, design, endurance, extremes
 from benchmarks.stability.cells import MATTERS, Cell, Outcome, run_pair
 from benchmarks.stability.pictures import draw_corners, draw_courant, draw_map
 from benchmarks.stability.verdict import LIMITS
-from benchmarks.stability.words import generated
+from benchmarks.stability.words import generated, tally
+
+log = logging.getLogger(__name__)
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 INSIDE = 12
@@ -51,14 +54,17 @@ def study(matter: str, quick: bool) -> Share:
 
 
 def measured(quick: bool, jobs: int, matters: list[str]) -> dict[str, object]:
-    """Everything, in ``jobs`` processes."""
+    """Everything, in ``jobs`` processes; the quick form in this one."""
     begin = time.perf_counter()
-    if jobs == 1:
+    if quick:
         shares = [study(m, quick) for m in matters]
-    else:
+    else:  # a process keeps the code of every matter it has seen: two gigabytes for all of them
         spawn = multiprocessing.get_context("spawn")
-        with concurrent.futures.ProcessPoolExecutor(jobs, mp_context=spawn) as pool:
-            shares = list(pool.map(study, matters, [quick] * len(matters)))
+        with concurrent.futures.ProcessPoolExecutor(jobs, mp_context=spawn, max_tasks_per_child=3) as pool:
+            shares = []
+            for share in pool.map(study, matters, [quick] * len(matters)):
+                log.info("%s: %s", share.matter, tally([row(axis, o) for axis, o in share.cells]))
+                shares.append(share)
     rows = [row(axis, o) for share in shares for axis, o in share.cells]
     return {
         "machine": f"{jobs} of {os.cpu_count()} cores ({platform.machine()}), torch {torch.__version__}",
@@ -105,6 +111,25 @@ def write(data: dict, raw: Path, pages: Path) -> None:
     put(pages / "stability.md", generated(data))
 
 
+def read(raw: Path) -> dict:
+    """What ``write`` left, with what is said to impossible input asked again: that takes a moment."""
+
+    def number(text: str) -> float | str:
+        try:
+            return float(text)
+        except ValueError:
+            return text
+
+    with (raw / "cells.csv").open(newline="", encoding="utf-8") as file:
+        rows = [{k: number(v) for k, v in r.items()} for r in csv.DictReader(file)]
+    data = json.loads((raw / "stability.json").read_text(encoding="utf-8"))
+    for r in rows:
+        r["substeps"], r["halvings"] = int(r["substeps"]), int(r["halvings"])
+    data["cells"] = [r for r in rows if r["place"] != "long"]
+    data["long"] = [r for r in rows if r["place"] == "long"]
+    return data | {"refusals": extremes.refusals()}
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks stability",
@@ -114,12 +139,15 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="one matter, a few cells, short long runs")
     parser.add_argument("--matter", nargs="+", choices=MATTERS, metavar="M", help="some only; names as in the page")
     parser.add_argument("--jobs", type=int, default=min(2, os.cpu_count() or 1), help="processes")
+    parser.add_argument("--again", action="store_true", help="page and pictures from the raw numbers that are there")
     parser.add_argument("--out", type=Path, help="a folder for everything; by default docs/")
     options = parser.parse_args()
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    logging.getLogger("diffuphy").setLevel(logging.WARNING)
     torch.set_num_threads(1)
     matters = options.matter or (["neo_hookean"] if options.quick else list(MATTERS))
-    data = measured(options.quick, options.jobs, matters)
     raw, pages = (DOCS / "benchmarks" / "stability", DOCS / "numerics") if options.out is None else (options.out,) * 2
+    data = read(raw) if options.again else measured(options.quick, options.jobs, matters)
     write(data, raw, pages)
     print(generated(data))
     silent = sum(r["verdict"] == "silent" for r in [*data["cells"], *data["long"]])

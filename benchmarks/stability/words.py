@@ -14,6 +14,11 @@ def template(message: str) -> str:
     return re.sub(r"[-+]?(\d+\.?\d*|\.\d+|inf|nan)(e[-+]?\d+)?", "…", message)
 
 
+def escaped(words: str) -> str:
+    """Words in a cell of a table."""
+    return words.replace("|", "\\|")
+
+
 def counted(rows: list[dict]) -> dict[Kind, int]:
     """How many of each verdict."""
     found = Counter(r["verdict"] for r in rows)
@@ -69,7 +74,7 @@ def messages(data: dict) -> str:
             found.setdefault(template(r["why"]), [r["why"], r["input"]]).append(r["input"])
     lines = ["| when | times | what it says, and what to do |", "|---|--:|---|"]
     for message, first, *every in found.values():
-        lines.append(f"| {first} | {len(every)} | {message.replace('|', chr(92) + '|')} |")
+        lines.append(f"| {first} | {len(every)} | {escaped(message)} |")
     return "\n".join(lines)
 
 
@@ -116,7 +121,8 @@ def far_table(rows: list[dict]) -> str:
 
 def limits_table() -> str:
     lines = ["| | measured | stable to | silent beyond | why |", "|---|---|--:|--:|---|"]
-    lines += [f"| {k} | {v.what} | {v.stable:g} | {v.silent:g} | {v.why} |" for k, v in LIMITS.items()]
+    for k, v in LIMITS.items():
+        lines.append(f"| {k} | {escaped(v.what)} | {v.stable:g} | {v.silent:g} | {escaped(v.why)} |")
     return "\n".join(lines)
 
 

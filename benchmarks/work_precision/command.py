@@ -16,7 +16,7 @@ from benchmarks.work_precision.choice import named
 from benchmarks.work_precision.figure import MEMORY, SECONDS, WORK, figure
 from benchmarks.work_precision.page import Section, page
 from benchmarks.work_precision.problem import Trial
-from benchmarks.work_precision.references import Against, keep, reference, uncertainty
+from benchmarks.work_precision.references import Against, keep, kept, reference, uncertainty
 from benchmarks.work_precision.report import machine, table, verdict
 from benchmarks.work_precision.rows import Row, read, write
 from benchmarks.work_precision.sweep import Swept, sweep
@@ -44,9 +44,13 @@ def section(id: str, rows: list[Row], noise: float) -> Section:
     return Section(id, module.TITLE, module.NORM, unit, about[0].upper() + about[1:], rows, noise)
 
 
-def measure(id: str, quick: bool, python: str | None, folder: Path) -> tuple[Swept, list[str]]:
-    """Run a case."""
+def measure(id: str, quick: bool, python: str | None, folder: Path) -> tuple[Swept | None, list[str]]:
+    """Run a case; nothing, and why, where its reference has not been made."""
     if id in CASES:
+        if CASES[id].reference and id not in kept():
+            return None, [
+                f"{id} is left out: its reference is missing; python -m benchmarks work_precision --references"
+            ]
         return sweep(CASES[id], quick=quick, python=python, folder=folder)
     return MEASURES[id].sweep(quick=quick), []
 
@@ -58,13 +62,13 @@ def draw(s: Section, where: str) -> str:
     return figure(f"{s.id}  {s.title}", s.norm, note, s.rows, axes, uncertainty(s.id))
 
 
-def store(out: Path, s: Section, where: str) -> None:
+def store(out: Path, s: Section, where: str, quick: bool = False) -> None:
     """Rows and figure of a case, and what goes with all its rows."""
     write(out / f"{s.id}.csv", s.rows)
     (out / f"{s.id}.svg").write_text(draw(s, where), encoding="utf-8")
     file = out / "runs.json"
     known = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
-    known[s.id] = {"machine": where, "noise": round(s.noise, 5)}
+    known[s.id] = {"machine": where, "noise": round(s.noise, 5), "form": "quick" if quick else "full"}
     file.write_text(json.dumps(dict(sorted(known.items())), indent=1) + "\n", encoding="utf-8")
 
 
@@ -123,8 +127,10 @@ def main(arguments: list[str] | None = None) -> int:
             log.info("%s", id)
             found, left_out = measure(id, options.quick, options.peers_python, Path(folder))
             missing += [line for line in left_out if line not in missing]
+            if found is None:
+                continue
             s = section(id, found.rows, found.noise)
-            store(out, s, where)
+            store(out, s, where, options.quick)
             log.info("%s\n%s", table(s.rows), verdict(s.rows, s.noise))
     for line in missing:
         log.info("%s", line)
@@ -138,7 +144,13 @@ def finish(out: Path, given: Path | None, missing: list[str]) -> None:
     known = json.loads((out / "runs.json").read_text(encoding="utf-8"))
     for s in sections:
         (out / f"{s.id}.svg").write_text(draw(s, known[s.id]["machine"]), encoding="utf-8")
+    absent = [id for id in ORDER if id not in known]
+    if absent:
+        missing = [*missing, f"{', '.join(absent)}: not run yet"]
     machines = " / ".join(dict.fromkeys(known[s.id]["machine"] for s in sections))
+    quick = [s.id for s in sections if known[s.id]["form"] == "quick"]
+    if quick:
+        missing = [f"The quick form ran {', '.join(quick)}: few settings, coarse grids, short repeats", *missing]
     where = (given or DOCS / "numerics") / "accuracy.md"
     where.parent.mkdir(parents=True, exist_ok=True)
     where.write_text(page(machines, sections, missing), encoding="utf-8")

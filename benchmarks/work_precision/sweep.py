@@ -15,11 +15,11 @@ from benchmarks.work_precision.timing import Timed, interleaved, noise
 
 log = logging.getLogger(__name__)
 
-MOST_WORK = {"default": 1.2e7, "peer": 1.2e6, "CFL": 2.5e6}
+MOST_WORK = {"default": 8e6, "peer": 8e5, "CFL": 2e6}
 """Particle-substeps of the largest run that is made of an axis."""
-OTHER = 4e6
+OTHER = 2.5e6
 """The same of the other axes."""
-BUDGET, QUICK_BUDGET = 0.8, 0.1
+BUDGET, QUICK_BUDGET = 0.5, 0.1
 """For the repeats of one run [s]."""
 QUICK = ("default", "plain MLS", "plain APIC", "float64")
 """Series of the quick form."""

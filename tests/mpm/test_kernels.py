@@ -95,7 +95,8 @@ def test_a_neo_hookean_body_without_walls_pays_for_nothing_else(scheme):
     kernels = forward(variant(scheme=scheme))
     assert len(kernels) == (5 if scheme.sharpen else 3)
     for kernel in kernels:
-        assert functions(kernel) <= NEEDED[name(kernel)], name(kernel)
+        turns = {"turned"} if scheme.retain > 0.0 and name(kernel) == "g2p" else set()
+        assert functions(kernel) <= NEEDED[name(kernel)] | turns, name(kernel)
 
 
 def test_what_is_asked_for_is_there():

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from diffuphy.mpm import FrameReport, Grid, HalfSpace, Scene, Solver, Span, State, backward_bytes, rollout, simulate
+from diffuphy.mpm.clock import STABLE
 from diffuphy.mpm.rollout import ROOM, _left_first
 from diffuphy.mpm.solver import segment_of, state_bytes
 from diffuphy.types import SimulationDiverged
@@ -22,21 +23,25 @@ def cube(E: float = 1e5, cells: int = 2):
 
 
 def test_divergence_names_everything_and_the_first_bad_substep():
-    """Quantity, particle, substep, time, value, limit and one remedy; time = substep · Δt, and one substep earlier the
-    state was good."""
-    x, vol, f = cube(E=10.0)
+    """Quantity, particle, substep, time, value, limit and one remedy, of a force of which the clock cannot know; time =
+    substep · Δt, and one substep earlier the state was good: |v| Δt/Δx grows by a Δt²/Δx in each."""
+    x, vol, f = cube()
+    push, a = torch.zeros_like(x), 1e6
+    push[:, 0] = a
     with pytest.raises(SimulationDiverged) as caught:
-        rollout(FREE, x, vol, f, velocity=-400.0 * (x - x.mean(0)))
+        rollout(FREE, x, vol, f, body=lambda t: push)
     text = str(caught.value)
     found = re.search(
-        r"particle (\d+) was turned inside out .* in frame (\d+) \(substep (\d+) of (\d+), t = (\S+) s\): "
-        r"det F = (\S+), must be positive; x = .* m, \|v\| = .* m/s, .* Δt = (\S+) s, CFL = \S+; "
+        r"particle (\d+) crossed more than one cell in a substep in frame (\d+) "
+        r"\(substep (\d+) of (\d+), t = (\S+) s\): "
+        r"\|v\| Δt/Δx = (\S+), at most 1; x = .* m, \|v\| = .* m/s, .* Δt = (\S+) s, CFL = \S+; "
         r"shorter substeps did not help: .*lower cfl below (\S+)$",
         text,
     )
     assert found, text
-    p, frame, s, n, t, det, dt, cfl = (float(a) for a in found.groups())
-    assert 0 <= p < len(x) and frame == 0 and 0 < s < n and det <= 0.0 and 0.0 < cfl < FREE.cfl
+    p, frame, s, n, t, cells, dt, cfl = (float(a) for a in found.groups())
+    assert 0 <= p < len(x) and frame == 0 and 0 < s < n and 0.0 < cfl < FREE.cfl
+    assert 1.0 < cells <= 1.0 + 1.01 * a * dt * dt / DX
     assert t == pytest.approx((s + 1) * dt, rel=5e-3)  # three digits of Δt
 
 
@@ -100,7 +105,7 @@ def test_an_unstable_step_is_refused_with_the_number_that_would_do(factor):
     with pytest.raises(ValueError, match="dt = 1 s is unstable"):
         rollout(dataclasses.replace(FREE, fps=1.0), x, vol, f, frames=1, dt=1.0)
     c = (1e5 * 0.7 / (1.3 * 0.4) / 1000.0) ** 0.5  # √((λ + 2μ)/ρ), ν = 0.3
-    limit = 0.8 * DX / c
+    limit = STABLE * DX / c
     slow = dataclasses.replace(FREE, fps=1.0 / (500 * limit))  # a frame is longer than any of the steps
     with pytest.raises(ValueError, match="is unstable") as refused:
         rollout(slow, x, vol, f, frames=1, dt=factor * limit)

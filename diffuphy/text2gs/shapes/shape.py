@@ -86,6 +86,11 @@ class Shape:
         return other
 
     # ------------------------------------------------------------------ questions
+    @property
+    def crowd(self) -> float:
+        """Bounding balls of primitives that a ray through the ball of ``RADIUS`` meets on average, Σ r²/``RADIUS``²."""
+        return sum(((p.bound + p.reach) * self._frame[3] / RADIUS) ** 2 for p in self.primitives)
+
     def sdf(self, points: Tensor) -> tuple[Tensor, Tensor]:
         """Signed distance (n,), a lower bound of the Euclidean one, negative inside; and the index of the nearest part
         (n,).

@@ -1,0 +1,41 @@
+"""What finding the material asks for."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+from diffuphy.plan.line import Line
+
+
+def loss_lines(components: Mapping[str, Any]) -> list[Line]:
+    """Scan, gradient and losses of the material."""
+    fit = components["material"]
+    velocity = fit.velocity
+    gathered = (velocity is not None and velocity.weight > 0 and velocity.needs) or ""
+    defaults = {f.name: f.default for f in dataclasses.fields(fit)}
+
+    def other(name: str) -> dict[str, Any]:
+        return {"material": dataclasses.replace(fit, **{name: defaults[name]})}
+
+    return [
+        Line.kept("video SDS", bool(fit.steps), "it trains the material", "material.steps=0", other("steps")),
+        Line.kept("gradient", bool(fit.steps), "training goes back through the simulation",
+                  "nothing is trained: no adjoint kernel, no state kept"),
+        Line("velocity loss", velocity.form, f"weight {velocity.weight:g}")
+        if velocity is not None and velocity.weight > 0
+        else Line("velocity loss", "left out", "weight 0"),
+        Line.kept("gathered sums", bool(gathered) and bool(fit.steps), f"the velocity loss needs {gathered}",
+                  "no loss needs impulses or forces"),
+        Line.kept("enumeration", bool(fit.stiffness_steps), "finds the basin before descending",
+                  "material.stiffness_steps=0", other("stiffness_steps")),
+    ]  # fmt: skip
+
+
+def model_lines(components: Mapping[str, Any]) -> list[Line]:
+    """Weights that are loaded."""
+    backends = {type(components[s].guidance).__name__ for s in ("gaussians", "material")}
+    heavy = sorted(backends - {"Analytic"})
+    if heavy:
+        return [Line("diffusion models", ", ".join(heavy), "asked for by guidance; what they take is not predicted")]
+    why = "the embedded prior answers; diffusers and transformers are never imported"
+    return [Line("diffusion models", "left out", why)]

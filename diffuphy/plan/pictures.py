@@ -1,0 +1,42 @@
+"""What object and film ask for."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+from diffuphy.plan.line import Line
+
+
+def object_lines(components: Mapping[str, Any]) -> list[Line]:
+    """Colour, number and filling of the object's points."""
+    fit, sample = components["gaussians"], components["particles"]
+    degree = fit.sh_degree
+    harmonics = (
+        Line("spherical harmonics", f"degree {degree}", "view-dependent colour asked for")
+        if degree
+        else Line("spherical harmonics", "left out", "degree 0: colours do not depend on the view, nothing to rotate",
+                  would={"gaussians": dataclasses.replace(fit, sh_degree=3)})
+    )  # fmt: skip
+    return [
+        harmonics,
+        Line.kept("densification", fit.densify is not None, "more Gaussians where the loss still pulls",
+                  "fit.densify=null"),
+        Line.kept("interior fill", sample.fill != "none", "distilled Gaussians are a shell; the inside needs particles",
+                  "sample.fill=none", {"particles": dataclasses.replace(sample, fill="interior")}),
+    ]  # fmt: skip
+
+
+def film_lines(components: Mapping[str, Any]) -> list[Line]:
+    """Parts of a frame."""
+    film = components["clip"]
+
+    def other(**settings: Any) -> dict[str, Any]:
+        return {"clip": dataclasses.replace(film, **settings)}
+
+    return [
+        Line.kept("floor", film.floor, "the film shows it", "film.floor=false"),
+        Line.kept("shadow", film.floor and film.shadow > 0, f"darkness {film.shadow:g}",
+                  "film.shadow=0" if film.floor else "no floor that it could fall on", other(floor=True, shadow=0.5)),
+        Line.kept("supersampling", film.supersample > 1, f"{film.supersample}² samples a pixel",
+                  "splats are band-limited already", other(supersample=2)),
+    ]  # fmt: skip
