@@ -78,6 +78,7 @@ class Evaluate:
     """Why a metric is left out, by its name; the plan's."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "references", tuple(self.references))
         if self.views < 4 or self.side < 16 or self.side % 2:
             raise ValueError(
                 f"views must be at least 4 and side even and at least 16 px, got {self.views} and {self.side}"
@@ -128,14 +129,15 @@ class Evaluate:
             raise ValueError("scene and film are left open: give those that made the trajectory and the clip")
         shot = Shot.like(self.film, trajectory)
         book = Book(dict(self.absent))
-        mass = field.rho.detach() * particles.vol
-        book.physics(trajectory, mass, particles.vol, world(self.scene.scene(motion, particles)), motion.size)
-        book.film(clip, shot.reduced(self.side).cover(gaussians, particles, trajectory))
-        self._object(book, look, Turntable.of(gaussians, self.views, self.side))
-        similarity = clipsim(self.encoder, clip.rgb, motion.text) if self.encoder is not None else None
-        if similarity is not None:
+        similarity = None
+        if self.encoder is not None:
+            similarity = clipsim(self.encoder, clip.rgb, motion.text)
             book.add("CLIPSIM", float(similarity.mean()), better="higher", note=f"of the frames to “{motion.text}”")
             book.curves["CLIPSIM"] = similarity
+        self._object(book, look, Turntable.of(gaussians, self.views, self.side))
+        book.film(clip, shot.reduced(self.side).cover(gaussians, particles, trajectory))
+        mass, known = field.rho.detach() * particles.vol, world(self.scene.scene(motion, particles))
+        book.physics(trajectory, mass, particles.vol, known, motion.size)
         if self.references:
             cast = (look, motion, gaussians, particles)
             self._compared(book, cast, trajectory, clip, shot, similarity, work)

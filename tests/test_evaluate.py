@@ -1,7 +1,6 @@
 """The stage that scores a film: what it computes, what it leaves out and why, what it says."""
 
 import dataclasses
-import importlib.util
 import types
 from pathlib import Path
 
@@ -19,25 +18,16 @@ from diffuphy.scorecard import line, markdown, scorecard, section
 from diffuphy.shots import Shot, Turntable
 from diffuphy.types import Look, Motion, SimulationDiverged
 from diffuphy.workspace import Workspace
+from tests.test_fit_material import ball, stage
 
-
-def neighbour(name):
-    spec = importlib.util.spec_from_file_location(name, Path(__file__).parent / f"{name}.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-fits = neighbour("test_fit_material")
-GAUSSIANS, PARTICLES = fits.ball(9)
+GAUSSIANS, PARTICLES = ball(9)
 LOOK, FALL = Look("ball", "a ball"), Motion("falling", "a jelly ball falling", {"": "jelly"}, 0.4)
 FIELD = presets.field(presets.lookup("jelly"), len(PARTICLES))
 SCENE, FILM = Simulate(seconds=0.2, fps=30.0), Film(width=48, height=48)
 TRAJECTORY = SCENE(FALL, PARTICLES, FIELD, work=Workspace())
 CLIP = FILM(GAUSSIANS, PARTICLES, TRAJECTORY, work=Workspace())
 COMPONENTS = {"gaussians": types.SimpleNamespace(guidance=None), "trajectory": SCENE, "clip": FILM,
-              "material": fits.stage()}  # fmt: skip
+              "material": stage()}  # fmt: skip
 
 
 class Eyes:
@@ -85,9 +75,9 @@ def test_what_is_not_there_is_left_out_with_its_reason():
 
 def test_references_change_the_key_and_what_is_unused_does_not():
     """Without references the material stage takes no part, and neither do its settings."""
-    plain, other = (Evaluate().planned(COMPONENTS | {"material": fits.stage(steps=s)}) for s in (3, 4))
+    plain, other = (Evaluate().planned(COMPONENTS | {"material": stage(steps=s)}) for s in (3, 4))
     assert describe(plain) == describe(other)
-    asked = [Evaluate(references=(0,)).planned(COMPONENTS | {"material": fits.stage(steps=s)}) for s in (3, 4)]
+    asked = [Evaluate(references=(0,)).planned(COMPONENTS | {"material": stage(steps=s)}) for s in (3, 4)]
     assert describe(asked[0]) != describe(asked[1]) != describe(plain)
 
 
@@ -100,6 +90,22 @@ def test_open_fields_are_refused():
 def test_settings_that_make_no_score_are_refused(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         Evaluate(**wrong)
+
+
+@pytest.mark.parametrize("option", ["standard", "paper"])
+def test_configurations_say_what_is_missing(option, monkeypatch, tmp_path):
+    """Both are made without a library of networks; where no weights are, the plan leaves their metrics out."""
+    from hydra.utils import instantiate
+    from omegaconf import OmegaConf
+
+    monkeypatch.setenv("HF_HUB_CACHE", str(tmp_path))
+    file = Path(__file__).parents[1] / "conf" / "evaluate" / f"{option}.yaml"
+    plan = instantiate(OmegaConf.load(file), _convert_="all").planned(COMPONENTS)
+    assert (plan.encoder, plan.aesthetic, plan.video) == (None, None, None)
+    assert "hf download" in plan.absent["CLIPSIM"]
+    if option == "paper":
+        assert plan.references == (0, 1, 2) and "Diff_SSIM" not in plan.absent
+        assert "i3d" not in plan.absent["FVD"] and "evaluate.video.checkpoint" in plan.absent["FVD"]
 
 
 # ---------------------------------------------------------------------- without weights

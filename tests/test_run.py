@@ -124,7 +124,7 @@ def test_the_run_ends_with_its_files_its_times_and_its_command(whole_run):
     words = dict(line.split(maxsplit=1) for line in lines)
     assert list(words) == ["gaussians", "film", "sheet", "report", "error", "scores", "seconds", "again"]
     assert re.fullmatch(r"at most about .* of the centre of mass, .* px; .*", words["error"])
-    assert re.fullmatch(r"momentum error .*, PSNR to the prior .* dB; left out: .*FVD.*", words["scores"])
+    assert re.fullmatch(r"PSNR to the prior .* dB, momentum error .*; left out: .*FVD.*", words["scores"])
     for kind in ("gaussians", "film", "sheet", "report"):
         assert (ROOT / words[kind]).is_file()
     assert re.fullmatch(r"prompt \d+\.\d, " + ", ".join(rf"{s} \d+\.\d" for s in STAGES[1:]), words["seconds"])
@@ -212,6 +212,17 @@ def test_scores_are_in_the_report_and_can_be_left_out(store, whole_run, capsys):
     assert "evaluate" not in stages(output) and "\nscores " not in output
     assert re.search(r"scores +left out +evaluate.score=off", output)
     assert resume.digests(store) == before
+
+
+def test_weights_on_the_machine_add_their_scores(store, tmp_path, capsys):
+    """The line that a user with CLIP writes, with a tiny random one: only the scores are taken again."""
+    from tests.tiny_models import open_clip
+
+    folder_of_weights = open_clip(tmp_path / "clip")
+    assert film(store, f"evaluate.encoder.model={folder_of_weights}") == 0
+    output = capsys.readouterr().err
+    assert stages(output) == dict.fromkeys(STAGES[:-1], "cached") | {"evaluate": "done"}
+    assert re.search(r"\nscores .*CLIPSIM -?0\.\d+.*Janus", output) and "left out: Diff_SSIM" in output
 
 
 def test_estimate_costs_less_than_a_third_of_the_rest(whole_run):

@@ -1,8 +1,5 @@
 """Metrics with networks: tiny random-weight models of the real classes, loaded as a user loads the real ones."""
 
-import importlib.util
-from pathlib import Path
-
 import pytest
 import torch
 
@@ -11,11 +8,7 @@ from diffuphy.metrics.encoder import OpenClip
 from diffuphy.metrics.i3d import I3D, InceptionI3d, same
 from diffuphy.metrics.language import clipsim, front_everywhere, janus
 from diffuphy.metrics.videomae import VideoMAE
-
-spec = importlib.util.spec_from_file_location("tiny_models", Path(__file__).parents[1] / "tiny_models.py")
-assert spec is not None and spec.loader is not None
-tiny = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(tiny)
+from tests import tiny_models as tiny
 
 
 @pytest.fixture(scope="module")
