@@ -67,6 +67,7 @@ def film(cfg: DictConfig) -> None:
     from diffuphy.artifact import Store
     from diffuphy.export import export
     from diffuphy.judgement import judgement
+    from diffuphy.scorecard import line, scorecard
     from diffuphy.settings import check
 
     settings = OmegaConf.to_container(cfg, resolve=True)
@@ -81,8 +82,9 @@ def film(cfg: DictConfig) -> None:
         components, store=store, until=cfg.until, force=force, run_dir=folder, accuracy=cfg.accuracy
     )
     files = export(folder, done, plan, title=cfg.prompt, settings=OmegaConf.to_yaml(cfg, resolve=False))
-    said = judgement(done)
-    log.info("%s", conclusion(done, files, HydraConfig.get().overrides.task, str(said or "")))
+    said, scores = judgement(done), scorecard(done)
+    told = str(said or ""), line(scores) if scores else ""
+    log.info("%s", conclusion(done, files, HydraConfig.get().overrides.task, *told))
 
 
 def make(stages: dict[str, Any]) -> dict[str, Any]:
@@ -99,12 +101,16 @@ def make(stages: dict[str, Any]) -> dict[str, Any]:
     return instantiate(OmegaConf.create({"stages": twice(stages)}).stages, _convert_="all")
 
 
-def conclusion(done: Sequence["Done"], files: dict[str, Path], overrides: Sequence[str], error: str = "") -> str:
-    """The last words of a run: where the results are, how wrong the film is, what each stage took, how to go on."""
+def conclusion(
+    done: Sequence["Done"], files: dict[str, Path], overrides: Sequence[str], error: str = "", scores: str = ""
+) -> str:
+    """The last words of a run: where the results are, how wrong and how good the film is, what each stage took, how to
+    go on."""
     seconds = ", ".join(f"{d.name} {'cached' if d.cached else f'{d.seconds:.1f}'}" for d in done)
     command = " ".join(["python", "train.py", *map(typed, overrides)])
     lines = [f"{kind:<10}{os.path.relpath(path)}" for kind, path in files.items()]
     lines += [f"{'error':<10}{error}"] if error else []
+    lines += [f"{'scores':<10}{scores}"] if scores else []
     lines += [f"{'seconds':<10}{seconds}", f"{'again':<10}{command}"]
     if not any(o.startswith("experiment=") for o in overrides):
         lines.append(f"{'finer':<10}{command} experiment=quality")

@@ -14,8 +14,9 @@ from diffuphy.judgement import judgement
 from diffuphy.plan import Plan
 from diffuphy.render import contact_sheet, orbit, render_gaussians, write_mp4, write_png
 from diffuphy.render.ply import write as write_ply
-from diffuphy.render.report import Report
+from diffuphy.render.report import Report, Section
 from diffuphy.render.sh import from_rgb
+from diffuphy.scorecard import scorecard, section
 from diffuphy.types import Clip, Gaussians, MaterialField, Particles
 
 COLD, WARM = torch.tensor([0.23, 0.30, 0.75]), torch.tensor([0.71, 0.02, 0.15])
@@ -72,9 +73,15 @@ def export(
         stages=[{"name": d.name, "cached": d.cached, "seconds": d.seconds, "megabytes": d.megabytes} for d in done],
         numbers=numbers(at),
         warnings=list(warnings),
-        sections=[said.section()] if (said := judgement(done)) else [],
+        sections=sections(done),
     )
     return files
+
+
+def sections(done: Sequence[Done]) -> list[Section]:
+    """How good the film is, and how wrong."""
+    scores, errors = scorecard(done), judgement(done)
+    return [*([section(scores)] if scores else []), *([errors.section()] if errors else [])]
 
 
 def views(gaussians: Gaussians, size: int = 200) -> list[tuple[str, Any]]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from diffuphy.artifact import SCRATCH, Done, Stage, Store, check_names
+from diffuphy.metrics.score import Scores
 from diffuphy.plan import Line, Plan, cost_lines, make_plan, predicted, pruned_lines, stage_lines
 from diffuphy.types import Clip, Errors, Gaussians, MaterialField, Particles, Prompt, Trajectory
 
@@ -14,7 +15,8 @@ log = logging.getLogger(__name__)
 
 
 def stages(components: dict[str, Any]) -> list[Stage]:
-    """Prompt → Gaussians → particles → material → trajectory → clip; and beside them how wrong the film is."""
+    """Prompt → Gaussians → particles → material → trajectory → clip; beside them how wrong and how good the film
+    is."""
     c = components
     table = [
         Stage("prompt", Prompt, c["prompt"]),
@@ -27,6 +29,9 @@ def stages(components: dict[str, Any]) -> list[Stage]:
     if "errors" in c and c["errors"].error == "on":
         made_of = ("prompt.motion", "particles", "material", "trajectory")
         table.append(Stage("errors", Errors, c["errors"], made_of))
+    if "evaluate" in c and c["evaluate"].score == "on":
+        made_of = ("prompt.look", "prompt.motion", "gaussians", "particles", "material", "trajectory", "clip")
+        table.append(Stage("evaluate", Scores, c["evaluate"], made_of))
     return table
 
 
@@ -48,7 +53,7 @@ def run(
 
     Args:
         components: one component a stage, by stage name.
-        until: last stage to run; with the clip come the errors.
+        until: last stage to run; with the clip come errors and scores.
         force: stages to run even if their result is stored.
         run_dir: where links to the results, the plan and its text go.
         accuracy: error that the film may have, over the size of the object; None keeps the grid of the components.

@@ -22,7 +22,7 @@ from diffuphy.types import Clip, Particles, Trajectory
 
 ROOT = Path(__file__).parents[1]
 PROMPT = "a rubber burger falling"
-STAGES = ["prompt", "gaussians", "particles", "material", "trajectory", "clip", "errors"]
+STAGES = ["prompt", "gaussians", "particles", "material", "trajectory", "clip", "errors", "evaluate"]
 
 
 @pytest.fixture(autouse=True)
@@ -120,10 +120,11 @@ def test_the_object_falls_as_everything_does(whole_run):
 
 
 def test_the_run_ends_with_its_files_its_times_and_its_command(whole_run):
-    lines = whole_run.output.splitlines()[-7:]
+    lines = whole_run.output.splitlines()[-8:]
     words = dict(line.split(maxsplit=1) for line in lines)
-    assert list(words) == ["gaussians", "film", "sheet", "report", "error", "seconds", "again"]
+    assert list(words) == ["gaussians", "film", "sheet", "report", "error", "scores", "seconds", "again"]
     assert re.fullmatch(r"at most about .* of the centre of mass, .* px; .*", words["error"])
+    assert re.fullmatch(r"PSNR to the prior .* dB, momentum error .*; left out: .*FVD.*", words["scores"])
     for kind in ("gaussians", "film", "sheet", "report"):
         assert (ROOT / words[kind]).is_file()
     assert re.fullmatch(r"prompt \d+\.\d, " + ", ".join(rf"{s} \d+\.\d" for s in STAGES[1:]), words["seconds"])
@@ -171,7 +172,7 @@ def test_another_motion_keeps_the_object(store, capsys):
 
 
 def test_until_stops_there(store):
-    forget(store, "runs", "particles", "material", "trajectory", "clip", "errors")
+    forget(store, "runs", "particles", "material", "trajectory", "clip", "errors", "evaluate")
     assert film(store, "until=particles") == 0
     (run,) = (store / "runs").iterdir()
     assert sorted(p.name for p in run.glob("[1-7]_*")) == ["1_prompt", "2_gaussians", "3_particles"]
@@ -198,6 +199,30 @@ def test_error_is_drawn_in_the_report(whole_run):
     text = (whole_run.folder / "report.html").read_text(encoding="utf-8")
     section = text[text.index("Error and run time") : text.index("Time and memory")]
     assert section.count('class="band"') == 3 and "16 times the work" in section
+
+
+def test_scores_are_in_the_report_and_can_be_left_out(store, whole_run, capsys):
+    """Numbers, and why others are missing; the film without them is the same film."""
+    text = (whole_run.folder / "report.html").read_text(encoding="utf-8")
+    section = text[text.index("<h2>Scores") : text.index("Error and run time")]
+    assert "PSNR to the prior" in section and "Left out: " in section and "hf download" in section
+    before = resume.digests(store)
+    assert film(store, "evaluate.score=off") == 0
+    output = capsys.readouterr().err
+    assert "evaluate" not in stages(output) and "\nscores " not in output
+    assert re.search(r"scores +left out +evaluate.score=off", output)
+    assert resume.digests(store) == before
+
+
+def test_weights_on_the_machine_add_their_scores(store, tmp_path, capsys):
+    """The line that a user with CLIP writes, with a tiny random one: only the scores are taken again."""
+    from tests.tiny_models import open_clip
+
+    folder_of_weights = open_clip(tmp_path / "clip")
+    assert film(store, f"evaluate.encoder.model={folder_of_weights}") == 0
+    output = capsys.readouterr().err
+    assert stages(output) == dict.fromkeys(STAGES[:-1], "cached") | {"evaluate": "done"}
+    assert re.search(r"\nscores .*CLIPSIM -?0\.\d+.*Janus", output) and "left out: Diff_SSIM" in output
 
 
 def test_estimate_costs_less_than_a_third_of_the_rest(whole_run):

@@ -112,3 +112,49 @@ def modelscope(folder: Path, prediction: str = "epsilon") -> Path:
     save_vae(folder)
     save_scheduler(folder, prediction)
     return folder
+
+
+def open_clip(folder: Path, *, width: int = 32, dim: int = 16) -> Path:
+    """A CLIP of open_clip for 32 px: 1.6 M parameters, nearly all of them its vocabulary."""
+    import json
+
+    import open_clip
+    from safetensors.torch import save_file
+
+    model = {
+        "embed_dim": dim,
+        "quick_gelu": True,
+        "vision_cfg": {"image_size": 32, "layers": 1, "width": width, "head_width": 16, "patch_size": 8},
+        "text_cfg": {"context_length": 77, "vocab_size": 49408, "width": width, "heads": 2, "layers": 1},
+    }
+    torch.manual_seed(3)
+    folder.mkdir(parents=True, exist_ok=True)
+    network = open_clip.CLIP(**model)
+    save_file({k: v.contiguous() for k, v in network.state_dict().items()}, folder / "open_clip_model.safetensors")
+    means = {"mean": list(open_clip.OPENAI_DATASET_MEAN), "std": list(open_clip.OPENAI_DATASET_STD)}
+    config = {"model_cfg": model, "preprocess_cfg": means}
+    (folder / "open_clip_config.json").write_text(json.dumps(config), encoding="utf-8")
+    return folder
+
+
+def videomae(folder: Path) -> Path:
+    """VideoMAE for 4 frames of 32 px."""
+    from transformers import VideoMAEConfig, VideoMAEModel
+
+    torch.manual_seed(4)
+    VideoMAEModel(
+        VideoMAEConfig(
+            image_size=32, patch_size=16, num_frames=4, tubelet_size=2, hidden_size=16, num_hidden_layers=1,
+            num_attention_heads=2, intermediate_size=16,
+        )
+    ).save_pretrained(folder)  # fmt: skip
+    return folder
+
+
+def i3d(file: Path, width: float = 1 / 32) -> Path:
+    """I3D with a 32nd of its channels, as a torch file of tensors."""
+    from diffuphy.metrics.i3d import InceptionI3d
+
+    torch.manual_seed(5)
+    torch.save(InceptionI3d(width=width).state_dict(), file)
+    return file

@@ -21,6 +21,7 @@ from diffuphy.cost.body import body
 from diffuphy.cost.drafts import errors, wanted
 from diffuphy.cost.result import Cost, StageCost
 from diffuphy.cost.rollouts import Laws
+from diffuphy.cost.scores import judges, scores
 from diffuphy.cost.stages import STAGES, single
 from diffuphy.types import Prompt
 
@@ -78,6 +79,7 @@ def predict(
     stages = {}
     every = {name: (count, name) for name, count in STAGES.items()}
     every |= {"errors": (errors, "trajectory")} if wanted(components) else {}  # the same code once more
+    every |= {"evaluate": (scores, "clip")} if judges(components) else {}
     for name, (count, code) in every.items():
         counted = count(components, prompt.motion, what)
         seconds = price(counted.work, device)

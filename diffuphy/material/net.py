@@ -84,6 +84,24 @@ class Net:
         return MaterialNet(self, points, start, learn)
 
 
+@dataclass(frozen=True)
+class Untrained(Net):
+    """The network of a random seed and no start: its last layer, which elsewhere begins at zero, is random as well.
+
+    What it says of an object, frozen, is the reference that Diff_SSIM and Diff_CLIP compare with (OmniPhysGS, 2025;
+    DiffuPhyGS, A.2).
+    """
+
+    def build(self, points: Points, start: MaterialField, learn: Sequence[Bounds]) -> "MaterialNet":
+        net = super().build(points, start, learn)
+        last, generator = net.decoder.head[-1], torch.Generator().manual_seed(self.seed)
+        with torch.no_grad():
+            for parameter in last.parameters():
+                bound = last.in_features**-0.5
+                parameter.copy_(torch.empty(parameter.shape).uniform_(-bound, bound, generator=generator))
+        return net
+
+
 class MaterialNet(nn.Module):
     """See the module's head. The state dict holds weights, groups and start: tensors only, enough to go on from.
 

@@ -18,6 +18,7 @@ from diffuphy.plan.line import Line, Plan
 from diffuphy.plan.materials import experts, mixture_lines, pruned_lines
 from diffuphy.plan.pictures import film_lines, object_lines
 from diffuphy.plan.scenery import scene_lines, scheme_lines
+from diffuphy.plan.scores import score_lines, scored
 from diffuphy.plan.wording import prompt_lines
 from diffuphy.types import Prompt
 
@@ -43,6 +44,7 @@ def make_plan(
     elastic, plastic, why = experts(components["material"], prompt.motion)
     material = dataclasses.replace(components["material"], elastic=elastic, plastic=plastic)
     resolved = components | {"material": material} | judged(components)
+    resolved |= scored(resolved)
     lines = [
         *prompt_lines(prompt),
         *chosen,
@@ -56,6 +58,7 @@ def make_plan(
         *model_lines(resolved),
         *film_lines(resolved),
         *error_lines(resolved),
+        *score_lines(resolved),
     ]
     return Plan(resolved, tuple(priced(lines, resolved, prompt, device)))
 

@@ -1,0 +1,81 @@
+"""What an evaluation looks at: the film from other sides and in other sizes, silhouettes, a turntable."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from diffuphy.render import orbit, render_gaussians
+from diffuphy.render.clip import Film, limit_stretch
+from diffuphy.render.floor import Backdrop
+from diffuphy.render.skin import Skin
+from diffuphy.types import Camera, Gaussians, Particles, Trajectory
+from diffuphy.workspace import Workspace
+
+ELEVATION, DISTANCE = 15.0, 3.4
+"""Where the turntable's cameras stand: above the horizon [deg] and from the middle [object units]; the object, 2 units
+long, fills most of the picture."""
+
+
+@dataclass(frozen=True)
+class Shot(Film):
+    """A film whose camera and studio are those of another motion: two films that differ by their matter alone."""
+
+    of: Trajectory | None = None
+    """The motion that the camera frames; None is the one that is filmed."""
+
+    def camera(self, trajectory: Trajectory) -> Camera:
+        return super().camera(self.of or trajectory)
+
+    def _studio(self, camera: Camera, trajectory: Trajectory) -> Backdrop:
+        return super()._studio(camera, self.of or trajectory)
+
+    @classmethod
+    def like(cls, film: Film, of: Trajectory, **changes: object) -> "Shot":
+        """``film`` with other settings, framed for ``of``."""
+        settings = {f.name: getattr(film, f.name) for f in dataclasses.fields(Film)}
+        return cls(**settings | changes, of=of)  # type: ignore[arg-type]
+
+    def reduced(self, side: int) -> "Shot":
+        """The same picture with a shorter side of at most ``side`` pixels, even."""
+        scale = min(1.0, side / min(self.width, self.height))
+        width, height = (max(2, 2 * round(n * scale / 2)) for n in (self.width, self.height))
+        return dataclasses.replace(self, width=width, height=height)
+
+    def pictures(self, gaussians: Gaussians, particles: Particles, trajectory: Trajectory) -> Tensor:
+        """Frames (T, H, W, 3) in [0, 1]."""
+        return self(gaussians, particles, trajectory, work=Workspace()).rgb
+
+    @torch.no_grad()
+    def cover(self, gaussians: Gaussians, particles: Particles, trajectory: Trajectory) -> Tensor:
+        """Coverage of the object in each frame, without floor and shadow, shape (T, H, W)."""
+        plain = dataclasses.replace(self, supersample=1)
+        skin, camera = Skin.bind(gaussians, particles, self.neighbours), plain.camera(trajectory)
+        frames = []
+        for x, F in zip(trajectory.x, trajectory.F, strict=True):
+            means, F_g = skin(x, F)
+            F_g = limit_stretch(F_g, self.stretch)
+            frames.append(render_gaussians(skin.gaussians, camera, means=means, F=F_g, backend=self.backend).alpha[0])
+        return torch.stack(frames).clamp(0, 1)
+
+
+@dataclass(frozen=True)
+class Turntable:
+    """The object at rest, from all round, on white."""
+
+    camera: Camera
+    azimuth: Tensor
+    """Of each view, from the front [deg], shape (n,)."""
+    rgb: Tensor
+    """Pictures (n, S, S, 3) in [0, 1]."""
+    cover: Tensor
+    """Coverage of the object, (n, S, S)."""
+
+    @classmethod
+    @torch.no_grad()
+    def of(cls, gaussians: Gaussians, views: int, side: int) -> "Turntable":
+        azimuth = torch.arange(views) * (360 / views)
+        camera = orbit(azimuth, ELEVATION, DISTANCE, width=side, height=side).to(gaussians.means.device)
+        image = render_gaussians(gaussians, camera)
+        return cls(camera, azimuth, image.over(torch.ones_like(image.rgb[0, 0, 0])).clamp(0, 1), image.alpha)
