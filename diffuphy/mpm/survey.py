@@ -36,7 +36,7 @@ def make_survey(scheme: Scheme, real: type) -> SimpleNamespace:
     return SimpleNamespace(survey=_make_survey(scheme, spline, node_t, real), along=along)
 
 
-def _make_survey(scheme: Scheme, spline: SimpleNamespace, node_t: type, real: type) -> wp.Function:
+def _make_survey(scheme: Scheme, spline: SimpleNamespace, node_t: type, real: type) -> Any:
     vec3, vec_w = wp.types.vector(3, real), spline.vec_w
     weights, slopes, curvatures = spline.weights, spline.slopes, spline.curvatures
     simd, K, classic = make_simd(real), scheme.order + 1, scheme.force == "classic"
@@ -110,7 +110,7 @@ def _make_survey(scheme: Scheme, spline: SimpleNamespace, node_t: type, real: ty
     return survey
 
 
-def _make_along(real: type, node_t: type) -> wp.Function:
+def _make_along(real: type, node_t: type) -> Any:
     vec3 = wp.types.vector(3, real)
 
     @wp.func(module="unique")
@@ -135,7 +135,7 @@ def _make_along(real: type, node_t: type) -> wp.Function:
     return along
 
 
-def _make_curved_along(real: type, node_t: type) -> wp.Function:
+def _make_curved_along(real: type, node_t: type) -> Any:
     vec3 = wp.types.vector(3, real)
     flat = _make_along(real, node_t)
 
