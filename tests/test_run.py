@@ -289,7 +289,7 @@ def test_ten_kills_at_random_change_nothing():
         (PROMPT, ["material.override.E=-1"], "E "),
         (PROMPT, ["material.override.nu=0.5"], "nu "),
         (PROMPT, ["scene.friction=-1"], "friction must be finite and not negative, got -1"),
-        (PROMPT, ["+scene.cfl=5"], "cfl must be in (0, 0.8], got 5"),
+        (PROMPT, ["+scene.cfl=5"], "cfl must be in (0, 0.75], got 5"),
         (PROMPT, ["scene.seconds=0"], "must be positive"),
         (PROMPT, ["film.width=127"], "must be even"),
         (PROMPT, ["accuracy=fine"], "accuracy must be a number or null, got 'fine'"),

@@ -17,8 +17,8 @@ from benchmarks.stability.cells import CELLS, DX, MATTERS, Cell, field, wave
 from benchmarks.verification.bodies import block
 from diffuphy.material import make_mixture
 from diffuphy.mpm import Grid, Scene, Scheme, Solver, Span
-from diffuphy.mpm.clock import STABLE
 from diffuphy.mpm.diagnostics import diagnose
+from diffuphy.mpm.scene import STABLE
 from diffuphy.mpm.state import REAL, initial_state, make_matter
 
 NUS = (0.0, 0.3, 0.49)

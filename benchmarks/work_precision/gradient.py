@@ -29,7 +29,7 @@ FRAMES = 4
 RESOLUTIONS, QUICK = (8, 16, 32, 64), (8, 16)
 SERIES = (
     "default", "plain MLS", "plain APIC", "no sharpening", "no retention", "no half kick", "cubic", "classic force",
-    "CFL 0.1", "CFL 0.2", "CFL 0.8", "float64",
+    "CFL 0.1", "CFL 0.2", "CFL 0.7", "float64",
 )  # fmt: skip
 QUICK_SERIES = ("default", "plain MLS", "float64")
 CHECKPOINTS: tuple[tuple[str, dict[str, Any]], ...] = (

@@ -17,15 +17,11 @@ from diffuphy.material import wave_speed
 from diffuphy.mpm.diagnostics import waves
 from diffuphy.mpm.drive import speed_bound
 from diffuphy.mpm.grid import Grid
-from diffuphy.mpm.scene import Scene
+from diffuphy.mpm.scene import STABLE, Scene
 from diffuphy.mpm.solver import Solver
 from diffuphy.mpm.span import Span
 from diffuphy.mpm.state import Matter, State
 from diffuphy.types import MaterialField, SimulationDiverged
-
-STABLE = 0.75
-"""Largest Δt (c + |v|) / Δx of an explicit step that is stable for all laws of the library [-]: noise in what is nearly
-incompressible grows from 0.77 on, with ν = 0.3 from 0.92 on."""
 
 MAX_SUBSTEPS = 10**6
 """Substeps of one frame beyond which a scene is refused: it is stiffer than an explicit step can film."""

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from diffuphy.mpm import FrameReport, Grid, HalfSpace, Scene, Solver, Span, State, backward_bytes, rollout, simulate
-from diffuphy.mpm.clock import STABLE
 from diffuphy.mpm.rollout import ROOM, _left_first
+from diffuphy.mpm.scene import STABLE
 from diffuphy.mpm.solver import segment_of, state_bytes
 from diffuphy.types import SimulationDiverged
 from tests.mpm.bodies import block, field
