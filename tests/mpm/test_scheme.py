@@ -127,7 +127,7 @@ def test_a_column_under_sudden_gravity_has_order_two_at_its_wall(case, classic):
 @pytest.mark.parametrize("n", [16, 32])
 def test_losses_do_not_depend_on_the_time_step(n):
     """α = 1 − Δt/τ: what the grid cannot see dies with a time, so that energy is lost per second and not per step.
-    exp(−Δt/τ) would lose (1 − e^−0.75)/0.75 = 0.70 of it at CFL 0.75, 1.6 times less than at small steps with 32 cells."""
+    exp(−Δt/τ) would lose (1 − e^−0.75)/0.75 = 0.70 of it at CFL 0.75, 1.6 times less than at small steps, 32 cells."""
     losses = [bar_loss(n, Scheme(), cfl) for cfl in (0.75, 0.1, 0.0125)]
     assert min(losses) > 0 and max(losses) < 1.5 * min(losses)
 
