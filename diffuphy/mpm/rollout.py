@@ -220,9 +220,17 @@ def _body_of(body: Body | None, members: Members) -> Body | None:
     return lambda t: of_all(t)[rows]
 
 
+_told: set[tuple[int, int]] = set()
+
+
 def _say_memory(state: State, frames: int, span: Span, segment: int | None, keep: bool) -> None:
-    size = backward_bytes(state, frames, span.steps, segment=segment, keep=keep)
-    log.info("backward pass: states of %d frames, %d rounds in the first: %.1f MB", frames, span.steps, size / 1e6)
+    """What a backward pass keeps, once for each size of clip: a training loop makes the same one again and again."""
+    size, clip = backward_bytes(state, frames, span.steps, segment=segment, keep=keep), (len(state.x), frames)
+    level = logging.DEBUG if clip in _told else logging.INFO
+    _told.add(clip)
+    log.log(
+        level, "backward pass: states of %d frames, %d rounds in the first: %.1f MB", *clip[1:], span.steps, size / 1e6
+    )
 
 
 def _advance(
