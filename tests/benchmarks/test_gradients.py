@@ -28,7 +28,6 @@ def test_the_substep_does_not_follow_the_stiffness_that_is_differentiated_in():
     assert dt * c <= 0.4 * gradients.DX
 
 
-@pytest.mark.slow
 def test_the_quick_form_runs_and_gradients_are_exact(tmp_path: Path, monkeypatch):
     """float64 against differences of 1e-5 and 1e-6, the better of both: h² and ε/h are below 1e-6 of a smooth function;
     where a wall or the turning of a particle switches within h, the smaller one is."""

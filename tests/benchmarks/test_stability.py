@@ -132,7 +132,6 @@ def test_pictures_are_drawn(tmp_path: Path):
         assert len(picture.getcolors(10**6)) > 4
 
 
-@pytest.mark.slow
 def test_the_quick_form_runs_and_finds_nothing_silent(tmp_path: Path, monkeypatch):
     monkeypatch.setattr("sys.argv", ["stability", "--quick", "--jobs", "1", "--out", str(tmp_path)])
     assert report.main() == 0

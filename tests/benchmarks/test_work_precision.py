@@ -330,7 +330,6 @@ def test_page_is_drawn_again_from_the_files(tmp_path):
     assert "Largest rms" not in first and "1 of 2" in first
 
 
-@pytest.mark.slow
 def test_quick_form_writes_every_case(tmp_path):
     """All cases at their coarsest: rows, figures and page are there, and the default is less wrong than plain MLS."""
     assert command.main(["--quick", "--out", str(tmp_path)]) == 0
