@@ -38,14 +38,14 @@ class Code:
     cfl: float = 0.4
     """Its step for problems of explicit codes, in Δt (c + |v|)/Δx [-]."""
     most: int = 10**9
-    """Steps beyond which a problem is left to others: an implicit one takes a tenth of a second."""
+    """Steps beyond which a problem is left to others: an implicit one takes seconds on a processor."""
 
 
 CODES = (
     Code("Taichi MLS-MPM", "taichi", "taichi_peer.py", ("f32",), "taichi"),
     Code("SVD a particle, stand-in", "svd", "svd_peer.py", force="classic"),
-    Code("Newton implicit, CFL 2", "newton", "newton_peer.py", (), "newton", "implicit", 2.0, 100),
-    Code("Newton implicit, CFL 8", "newton", "newton_peer.py", (), "newton", "implicit", 8.0, 100),
+    Code("Newton implicit, CFL 2", "newton", "newton_peer.py", (), "newton", "implicit", 2.0, 20),
+    Code("Newton implicit, CFL 8", "newton", "newton_peer.py", (), "newton", "implicit", 8.0, 20),
 )
 """Everything that is compared with; see each script for what it is."""
 
