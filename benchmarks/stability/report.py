@@ -11,7 +11,9 @@ import multiprocessing
 import os
 import platform
 import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -37,11 +39,13 @@ class Share:
     """Kind of place in the map, and outcome."""
     courants: list[courant.Courant]
     long: list[Outcome]
+    seconds: float
 
 
 def study(matter: str, quick: bool) -> Share:
     """The part of the work that one process does."""
     torch.set_num_threads(1)
+    begin = time.perf_counter()
     places = [*design.lines(matter), *design.corners(matter), *design.inside(matter, INSIDE)]
     if quick:
         places = places[:: len(places) // 6]
@@ -51,32 +55,48 @@ def study(matter: str, quick: bool) -> Share:
     substeps = 1000 if quick else endurance.SUBSTEPS
     precisions = ("float64", "float32") if endurance.holds(matter) else ()
     long = [endurance.endure(Cell(matter, precision=p), substeps) for p in precisions]
-    return Share(matter, cells, courants, long)
+    return Share(matter, cells, courants, long, time.perf_counter() - begin)
 
 
-def measured(quick: bool, jobs: int, matters: list[str]) -> dict[str, object]:
-    """Everything, in ``jobs`` processes; the quick form in this one."""
-    begin = time.perf_counter()
+def studied(quick: bool, jobs: int, matters: list[str]) -> Iterator[Share]:
+    """Matter after matter, in ``jobs`` processes; the quick form in this one."""
     if quick:
-        shares = [study(m, quick) for m in matters]
-    else:  # a process keeps the code of every matter it has seen: two gigabytes for all of them
-        spawn = multiprocessing.get_context("spawn")
-        with concurrent.futures.ProcessPoolExecutor(jobs, mp_context=spawn, max_tasks_per_child=3) as pool:
-            shares = []
-            for share in pool.map(study, matters, [quick] * len(matters)):
-                log.info("%s: %s", share.matter, tally([row(axis, o) for axis, o in share.cells]))
-                shares.append(share)
-    rows = [row(axis, o) for share in shares for axis, o in share.cells]
+        yield from (study(m, quick) for m in matters)
+        return
+    # a process keeps the code of every matter it has seen: two gigabytes for all of them
+    spawn = multiprocessing.get_context("spawn")
+    with concurrent.futures.ProcessPoolExecutor(jobs, mp_context=spawn, max_tasks_per_child=3) as pool:
+        for share in pool.map(study, matters, [quick] * len(matters)):
+            log.info("%s: %s", share.matter, tally([row(axis, o) for axis, o in share.cells]))
+            yield share
+
+
+def apart(quick: bool, jobs: int) -> dict[str, Any]:
+    """What concerns no matter of the map, and room for what does."""
     return {
         "machine": f"{jobs} of {os.cpu_count()} cores ({platform.machine()}), torch {torch.__version__}",
-        "cells": rows,
-        "courant": [dataclasses.asdict(c) for share in shares for c in share.courants],
-        "long": [row("long", o) for share in shares for o in share.long],
+        "cells": [],
+        "courant": [],
+        "long": [],
         "contracts": extremes.contracts(("D3", "D11") if quick else None),
         "refusals": extremes.refusals(),
         "far": extremes.far(),
-        "seconds": time.perf_counter() - begin,
+        "seconds": {},
     }
+
+
+def added(data: dict[str, Any], share: Share) -> dict[str, Any]:
+    """The data with those of a matter in place of what was known of it; in the order of ``MATTERS``."""
+    found = {
+        "cells": [row(axis, o) for axis, o in share.cells],
+        "courant": [dataclasses.asdict(c) for c in share.courants],
+        "long": [row("long", o) for o in share.long],
+    }
+    order = list(MATTERS)
+    rows = {k: [*(r for r in data[k] if r["matter"] != share.matter), *new] for k, new in found.items()}
+    for its in rows.values():
+        its.sort(key=lambda r: order.index(r["matter"]))
+    return data | rows | {"seconds": data["seconds"] | {share.matter: round(share.seconds, 1)}}
 
 
 def row(axis: str, o: Outcome) -> dict[str, object]:
@@ -138,7 +158,13 @@ def main() -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--quick", action="store_true", help="one matter, a few cells, short long runs")
-    parser.add_argument("--matter", nargs="+", choices=MATTERS, metavar="M", help="some only; names as in the page")
+    parser.add_argument(
+        "--matter",
+        nargs="+",
+        choices=MATTERS,
+        metavar="M",
+        help="some only, beside what the raw numbers hold of the others; names as in the page",
+    )
     parser.add_argument("--jobs", type=int, default=min(2, os.cpu_count() or 1), help="processes")
     parser.add_argument("--again", action="store_true", help="page and pictures from the raw numbers that are there")
     parser.add_argument("--out", type=Path, help="a folder for everything; by default docs/")
@@ -148,8 +174,14 @@ def main() -> int:
     torch.set_num_threads(1)
     matters = options.matter or (["neo_hookean"] if options.quick else list(MATTERS))
     raw, pages = (DOCS / "benchmarks" / "stability", DOCS / "numerics") if options.out is None else (options.out,) * 2
-    data = read(raw) if options.again else measured(options.quick, options.jobs, matters)
-    write(data, raw, pages)
+    partial = options.again or (options.matter and (raw / "cells.csv").exists())
+    data = read(raw) if partial else apart(options.quick, options.jobs)
+    if options.again:
+        write(data, raw, pages)
+    else:
+        for share in studied(options.quick, options.jobs, matters):
+            data = added(data, share)
+            write(data, raw, pages)  # a run that is stopped leaves what it has
     print(generated(data))
     silent = sum(r["verdict"] == "silent" for r in [*data["cells"], *data["long"]])
     silent += sum(r["kind"] == "silent" for r in data["refusals"]) + sum(len(r["outside"]) for r in data["contracts"])

@@ -5,7 +5,7 @@ import re
 from collections import Counter
 
 from benchmarks.stability import courant, design, extremes
-from benchmarks.stability.cells import DX
+from benchmarks.stability.cells import DX, MATTERS
 from benchmarks.stability.verdict import KINDS, LIMITS, Kind
 
 
@@ -126,6 +126,13 @@ def limits_table() -> str:
     return "\n".join(lines)
 
 
+def covered(data: dict) -> str:
+    """How long it took, and of which matters there are no numbers."""
+    missing = [m for m in MATTERS if m not in data["seconds"]]
+    text = f"in {sum(data['seconds'].values()) / 60:.0f} minutes of one core"
+    return text + (f"; **not measured yet:** {'; '.join(missing)}" if missing else "")
+
+
 def generated(data: dict) -> str:
     """The measured part of the page."""
     cells, inner = data["cells"], [r for r in data["cells"] if r["place"] == "inside"]
@@ -136,7 +143,7 @@ def generated(data: dict) -> str:
     errors = [r for r in cells if r["verdict"] == "error"]
     cured = sum(r["cured"] in ("stable", "drift") for r in errors)
     silent = counted(cells)["silent"] + counted(data["long"])["silent"]
-    return f"""Measured on {data["machine"]}, in {data["seconds"] / 60:.1f} minutes.
+    return f"""Measured on {data["machine"]}, {covered(data)}.
 
 **{silent} silent cells** among {len(cells)} of the map and {len(data["long"])} long runs; {said} of \
 {len(data["refusals"])} impossible inputs refused; {bad} checks of the contract cases outside.

@@ -12,7 +12,7 @@ from PIL import Image
 from benchmarks._draw import Curve, Panel, Plot, plots, table
 from benchmarks.stability import courant, design, report, words
 from benchmarks.stability.cells import DX, MATTERS, Cell, Outcome, measure, play, scene_of
-from benchmarks.stability.verdict import LIMITS, classify
+from benchmarks.stability.verdict import LIMITS, Verdict, classify
 from benchmarks.verification.bodies import block
 from diffuphy.material import ELASTIC, PLASTIC
 from diffuphy.mpm import FrameReport, Grid, Scheme, State
@@ -138,4 +138,20 @@ def test_the_quick_form_runs_and_finds_nothing_silent(tmp_path: Path, monkeypatc
     with (tmp_path / "cells.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) > 10 and not any(r["verdict"] == "silent" for r in rows)
-    assert "0 silent cells" in (tmp_path / "stability.md").read_text()
+    page = (tmp_path / "stability.md").read_text()
+    assert "0 silent cells" in page and "not measured yet:** fixed_corotated" in page
+
+
+def test_a_matter_that_is_measured_again_takes_the_place_of_what_was_known_of_it():
+    """Rows of the others stay, in the order of the list; seconds are kept for each."""
+    data = {"cells": [], "courant": [], "long": [], "seconds": {}}
+    for matter, verdict in (("hencky", "error"), ("neo_hookean", "stable"), ("hencky", "stable")):
+        outcome = Outcome(Cell(matter), Verdict(verdict, ""), {})
+        share = report.Share(matter, [("corner", outcome)], [courant.Courant(matter, 0.3, False, 0.9)], [outcome], 2.0)
+        data = report.added(data, share)
+    assert sorted((r["matter"], r["verdict"]) for r in data["cells"]) == [
+        ("hencky", "stable"),
+        ("neo_hookean", "stable"),
+    ]
+    assert [r["matter"] for r in data["long"]] == sorted(("hencky", "neo_hookean"), key=list(MATTERS).index)
+    assert data["seconds"] == {"hencky": 2.0, "neo_hookean": 2.0}
