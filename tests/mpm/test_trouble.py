@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+import sys
 
 import pytest
 import torch
@@ -153,12 +154,16 @@ def test_a_window_cuts_the_graph():
     assert torch.equal(E_bar, expected) and bool(expected.any())
 
 
-def test_the_memory_of_a_backward_pass_is_stated(caplog):
-    """States of the frames and of one frame at work: 24 numbers a particle and state here."""
+def test_the_memory_of_a_backward_pass_is_stated(caplog, monkeypatch):
+    """States of the frames and of one frame at work: 24 numbers a particle and state here. Said once for a clip of this
+    size, however often it is made."""
+    monkeypatch.setattr(sys.modules["diffuphy.mpm.rollout"], "_told", set())
     x, vol, f = cube()
     v = torch.zeros_like(x).requires_grad_()
     with caplog.at_level("INFO", logger="diffuphy.mpm.rollout"):
-        states = list(simulate(FREE, x, vol, f, velocity=v, grad=True, segment=7))
+        for _ in range(2):
+            states = list(simulate(FREE, x, vol, f, velocity=v, grad=True, segment=7))
+    assert caplog.text.count("backward pass") == 1
     row = 24 * 8 * len(x)
     assert state_bytes(states[-1]) == row
     steps = int(re.search(r"(\d+) rounds", caplog.text).group(1))  # type: ignore[union-attr]
