@@ -50,6 +50,9 @@ class Case:
 WALLS = ("elastic contact", "no mirror")
 """Series that need a wall."""
 
+FASTEST = ("CFL 0.7", "cubic, CFL 0.7", "plain MLS, CFL 0.7", "plain APIC, CFL 0.7")
+"""Series whose step, which is pinned, is refused where a body becomes stiffer or faster on the way."""
+
 
 def rms(u: Tensor) -> float:
     """Root of the mean square length of vectors, shape (N, 3)."""
@@ -209,11 +212,11 @@ CASES = {
         ),
         Case(
             "W5", "Dam break", "rms error of the 95 % reach along x and z / its largest change", "width", dam,
-            (6, 8, 12, 16), (6,), (), ("taichi",), (12, 18, 27),
+            (6, 8, 12, 16), (6,), FASTEST, ("taichi",), (12, 18, 27),
         ),
         Case(
             "W8", "Bouncing ball", "rms error of height, width and centre / largest change", "diameter", drop,
-            (6, 8, 12, 16), (6,), ("no mirror",), ("taichi", "svd"), (8, 12, 18),
+            (6, 8, 12, 16), (6,), ("no mirror", *FASTEST), ("taichi", "svd"), (8, 12, 18),
         ),
     )
 }  # fmt: skip
