@@ -127,10 +127,13 @@ WALLS = (HalfSpace(friction=0.5), Sphere(kind="slip"))
 ELASTIC = ("neo_hookean", "fixed_corotated", "hencky")
 
 
-@pytest.mark.parametrize("real", [wp.float32, wp.float64])
-def test_the_default_scheme_compiles_for_cuda(real, compiled):
-    """Forward, backward and gathering, with a floor and a mirror."""
-    v = variant(real=real, walls=signature((HalfSpace(friction=0.5),)), mirror=True, twice=True)
+@pytest.mark.parametrize(("real", "elastic"), [(wp.float32, False), (wp.float64, False), (wp.float32, True)])
+def test_the_default_scheme_compiles_for_cuda(elastic, real, compiled):
+    """Forward, backward and gathering, with a floor and a mirror; films are made with elastic contact."""
+    walls = signature((HalfSpace(friction=0.5),), elastic)
+    v = variant(
+        real=real, scheme=Scheme(contact="elastic" if elastic else "rigid"), walls=walls, mirror=True, twice=True
+    )
     compiled([*forward(v), *backward(v), *of(make_gather(v))])
 
 
