@@ -1,6 +1,6 @@
 # make film PROMPT="a rubber burger falling"      the film, from a fresh clone on; installs what is missing into .venv first
 # make test | lint | docs | clean
-# make benchmarks                                measures what docs/numerics says again, about 40 minutes; ARGS=all: quickly
+# make benchmarks                                measures what docs/numerics says again, long; ARGS=all: that every script runs
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:

@@ -47,7 +47,7 @@ QUICK = {
 """Options under which each script takes about a minute; ``{out}`` is a folder that is thrown away."""
 
 NUMERICS = ("work_precision", "stability", "gradients", "errors", "speed", "leaving_out")
-"""What ``docs/numerics`` is made of; about 40 minutes of two cores."""
+"""What ``docs/numerics`` is made of; each page says how long its part took, the map of stability takes longest."""
 
 
 def scripts() -> dict[str, str]:

@@ -1,6 +1,7 @@
 """The scan: hypotheses are compared, also when some of them cannot be simulated."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import torch
@@ -18,11 +19,11 @@ TABLE = MaterialField(
     {"E": torch.full((N,), 1e5), "nu": torch.full((N,), 0.3)},
     torch.full((N,), 1000.0),
 )
-COND = SimpleNamespace(prepare=lambda frames: None, score=lambda clip, weight: float((clip - 5.0).square().mean()))
+COND: Any = SimpleNamespace(prepare=lambda frames: None, score=lambda clip, weight: float((clip - 5.0).square().mean()))
 """Scores by how near log10 E is to 5."""
 
 
-def bench(torn: float) -> SimpleNamespace:
+def bench(torn: float) -> Any:
     """Films log10 E; what is softer than ``torn`` cannot be simulated."""
 
     def clip(field, frames):
@@ -37,7 +38,7 @@ def bench(torn: float) -> SimpleNamespace:
 def best(torn: float) -> float:
     labels = torch.zeros(N, dtype=torch.long)
     grid = (3.0, 4.0, 4.75, 6.0)
-    found = scan(bench(torn), COND, TABLE, labels, grid, frames=3, weight="none", work=Workspace())  # type: ignore
+    found = scan(bench(torn), COND, TABLE, labels, grid, frames=3, weight="unit", work=Workspace())
     return float(torch.tensor(found[0]["theta"]["E"]).log10())
 
 

@@ -64,11 +64,8 @@ class Clock:
         when the next frame begins with the same tensors."""
         key = tuple(None if t is None else (t.data_ptr(), t.shape, t._version) for t in (state.He, state.memory))
         if self._known is None or self._known[0] != key:
-            self._known = (
-                key,
-                state,
-                waves(self.solver.mixture, state, self.matter),
-            )  # memory of the state stays its own
+            # with the state, so that nothing else comes to lie where its tensors are
+            self._known = key, state, waves(self.solver.mixture, state, self.matter)
         return self._known[2]
 
     def stiff(self, state: State) -> float:
