@@ -64,6 +64,7 @@ def build(real: Any) -> LinalgFunctions:
     )  # a stretch below one ulp of the largest may be zero or negative
     tiny = real(1e-37 if real is wp.float32 else 1e-290)
     near = real(NEAR)
+    third = real(1.0 / 3.0)
     log1p = near_one.build(real).log1p
 
     @wp.func(module="unique")
@@ -96,10 +97,14 @@ def build(real: Any) -> LinalgFunctions:
     @wp.func(module="unique")
     def far_vector(C: mat33) -> vec3:
         """Unit eigenvector of a symmetric matrix whose eigenvalue lies farthest from the other two."""
-        q = (C[0, 0] + C[1, 1] + C[2, 2]) / real(3.0)
-        a = C[0, 0] - q
-        b = C[1, 1] - q
-        c = C[2, 2] - q
+        # from differences, which are exact of close numbers: less a rounded mean, the diagonal of a matrix that is a
+        # multiple of I to one ulp would have a trace of its own size, and the root below could be a double one
+        x = C[0, 0] - C[1, 1]
+        y = C[1, 1] - C[2, 2]
+        z = C[2, 2] - C[0, 0]
+        a = third * (x - z)
+        b = third * (y - x)
+        c = third * (z - y)
         d = C[1, 2]
         e = C[0, 2]
         f = C[0, 1]

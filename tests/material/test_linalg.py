@@ -106,6 +106,22 @@ def test_exact_states_stay_exact(precision: str):
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)
+def test_stretches_that_differ_by_rounding_have_frames(precision: str):
+    """FᵀF − I = ε I + n ulp, with every combination of n ∈ {−1, 0, 1} in its six entries: B = F V with orthonormal V.
+
+    Every one is within one ulp of a multiple of I, so any V does; 4 ulp for its normalisation, and none is NaN.
+    """
+    real, dtype = PRECISIONS[precision]
+    ulps = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 6, indexing="ij"), -1).reshape(-1, 6)
+    for stretch in (0.7, 0.97, 1.03, 1.0268, 1.3):  # FᵀF − I on either side of NEAR
+        ulp = np.spacing(dtype(stretch), dtype=dtype)
+        F = stretch * np.eye(3) + ulp * ulps[:, [[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
+        _, V, s, _ = decompose(F.astype(dtype), real)
+        assert np.abs(V.swapaxes(1, 2) @ V - np.eye(3)).max() < 4 * np.finfo(dtype).eps
+        assert np.abs(s - stretch).max() < 8 * ulp  # |F| is off by up to 3 ulp
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
 def test_inverted_states_are_not_hidden(precision: str):
     """det F ≤ 0 gives NaN, not the mirrored state; so does NaN."""
     real, dtype = PRECISIONS[precision]
