@@ -10,6 +10,7 @@ Numbers that the documentation quotes come from the full forms, one at a time, o
 
 import argparse
 import ast
+import signal
 import subprocess
 import sys
 import tempfile
@@ -62,7 +63,7 @@ def docstring(path: Path) -> str:
 
 
 def run(name: str, options: list[str]) -> int:
-    """Run a benchmark in a process of its own; returns its exit status."""
+    """Run a benchmark in a process of its own, which is killed if this one is told to end; its exit status."""
     command = [sys.executable, "-m", f"benchmarks.{name}", *options]
     return subprocess.run(command, cwd=HERE.parent, check=False).returncode
 
@@ -105,4 +106,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, lambda number, _frame: sys.exit(128 + number))  # as an exception, like Ctrl-C
     raise SystemExit(main())

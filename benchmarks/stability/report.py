@@ -2,6 +2,7 @@
 
 import argparse
 import concurrent.futures
+import contextlib
 import csv
 import dataclasses
 import json
@@ -10,6 +11,7 @@ import math
 import multiprocessing
 import os
 import platform
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,7 +20,7 @@ from typing import Any
 import torch
 
 from benchmarks.stability import courant, design, endurance, extremes
-from benchmarks.stability.cells import MATTERS, Cell, Outcome, run_pair
+from benchmarks.stability.cells import DTYPES, MATTERS, Cell, Outcome, run_pair
 from benchmarks.stability.pictures import draw_corners, draw_courant, draw_map
 from benchmarks.stability.verdict import LIMITS
 from benchmarks.stability.words import generated, tally
@@ -26,8 +28,10 @@ from benchmarks.stability.words import generated, tally
 log = logging.getLogger(__name__)
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-INSIDE = 12
+INSIDE = 60
 """Cells of each matter anywhere inside."""
+TASKS = 3
+"""Matters after which a process is replaced: it keeps the code of all that it has seen, two gigabytes for all."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,22 +57,40 @@ def study(matter: str, quick: bool) -> Share:
     nus = courant.NUS[1:2] if quick else courant.NUS
     courants = [courant.largest(matter, nu, alone) for alone in (False, True) for nu in nus]
     substeps = 1000 if quick else endurance.SUBSTEPS
-    precisions = ("float64", "float32") if endurance.holds(matter) else ()
-    long = [endurance.endure(Cell(matter, precision=p), substeps) for p in precisions]
+    long = [endurance.endure(Cell(matter, precision=p), substeps) for p in DTYPES]
     return Share(matter, cells, courants, long, time.perf_counter() - begin)
 
 
 def studied(quick: bool, jobs: int, matters: list[str]) -> Iterator[Share]:
-    """Matter after matter, in ``jobs`` processes; the quick form in this one."""
+    """Matter after matter, in ``jobs`` processes; the quick form in this one. None of them outlives this generator or
+    the process that runs it, however that ends."""
     if quick:
         yield from (study(m, quick) for m in matters)
         return
-    # a process keeps the code of every matter it has seen: two gigabytes for all of them
     spawn = multiprocessing.get_context("spawn")
-    with concurrent.futures.ProcessPoolExecutor(jobs, mp_context=spawn, max_tasks_per_child=3) as pool:
-        for share in pool.map(study, matters, [quick] * len(matters)):
-            log.info("%s: %s", share.matter, tally([row(axis, o) for axis, o in share.cells]))
-            yield share
+    with concurrent.futures.ProcessPoolExecutor(
+        jobs, mp_context=spawn, max_tasks_per_child=TASKS, initializer=tethered
+    ) as pool:
+        try:
+            for share in pool.map(study, matters, [quick] * len(matters)):
+                log.info("%s: %s", share.matter, tally([row(axis, o) for axis, o in share.cells]))
+                yield share
+        except BaseException:  # Ctrl-C above all: the pool would first wait for what is being measured
+            for child in multiprocessing.active_children():
+                child.terminate()
+            raise
+
+
+def tethered() -> None:
+    """Make this process end with the one that started it, even where that is killed."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def apart(quick: bool, jobs: int) -> dict[str, Any]:
@@ -179,9 +201,10 @@ def main() -> int:
     if options.again:
         write(data, raw, pages)
     else:
-        for share in studied(options.quick, options.jobs, matters):
-            data = added(data, share)
-            write(data, raw, pages)  # a run that is stopped leaves what it has
+        with contextlib.closing(studied(options.quick, options.jobs, matters)) as shares:
+            for share in shares:
+                data = added(data, share)
+                write(data, raw, pages)  # a run that is stopped leaves what it has
     print(generated(data))
     silent = sum(r["verdict"] == "silent" for r in [*data["cells"], *data["long"]])
     silent += sum(r["kind"] == "silent" for r in data["refusals"]) + sum(len(r["outside"]) for r in data["contracts"])

@@ -3,6 +3,10 @@
 import csv
 import dataclasses
 import math
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -17,6 +21,7 @@ from benchmarks.verification.bodies import block
 from diffuphy.material import ELASTIC, PLASTIC
 from diffuphy.mpm import FrameReport, Grid, Scheme, State
 
+ROOT = Path(__file__).parents[2]
 GOOD = {"gain": 0.0, "momentum": 0.1, "shrunk": 1.3, "sunk": 0.0, "apart": 1e-5}
 
 
@@ -155,3 +160,32 @@ def test_a_matter_that_is_measured_again_takes_the_place_of_what_was_known_of_it
     ]
     assert [r["matter"] for r in data["long"]] == sorted(("hencky", "neo_hookean"), key=list(MATTERS).index)
     assert data["seconds"] == {"hencky": 2.0, "neo_hookean": 2.0}
+
+
+ASLEEP = """
+import sys, time
+from benchmarks.stability import report
+
+def asleep(matter, quick):
+    print("at work", flush=True)
+    time.sleep(60.0)
+
+if __name__ == "__main__":
+    report.study = asleep
+    list(report.studied(False, 1, ["hencky"]))
+"""
+
+
+@pytest.mark.parametrize("end", (signal.SIGINT, signal.SIGKILL))
+def test_no_process_outlives_the_map(end: signal.Signals, tmp_path: Path):
+    """Nobody holds the pipe to which its processes write once the first one was told to end, or was killed."""
+    script = tmp_path / "asleep.py"
+    script.write_text(ASLEEP)
+    run = subprocess.Popen([sys.executable, script], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    assert run.stdout is not None
+    assert run.stdout.readline() == b"at work\n"
+    begin = time.monotonic()
+    run.send_signal(end)
+    assert run.stdout.read() == b""  # not before the last of them has ended
+    assert time.monotonic() - begin < 20.0, "it was left to sleep"
+    assert run.wait() != 0
