@@ -1,11 +1,12 @@
 """One cell of the map: a body of one material thrown at a floor, and what is measured on it.
 
-A cube of three cells with 8 particles each hits a rough floor aslant at a given share of its speed of sound c, under a
-weight of 1 % of its stiffness, for 6 L/c: waves cross it six times. All times, speeds and stresses of the material are
-in units of L/c, c and E, so that stiffness alone changes nothing but units.
+A cube of three cells along each side, with 8 particles in each, hits a rough floor aslant at a given share of its speed
+of sound c, under a weight of 1 % of its stiffness, for 6 L/c: waves cross it six times. All times, speeds and stresses
+of the material are in units of L/c, c and E, so that stiffness alone changes nothing but units.
 """
 
 import dataclasses
+import itertools
 import math
 import time
 from dataclasses import dataclass
@@ -27,6 +28,10 @@ SIDE = CELLS * DX
 TRANSITS, FRAMES = 6.0, 12
 WEIGHT = 0.01
 """g L/c² [-]."""
+STILL = 0.01
+"""Share of the energy put in below which a body is taken to rest [-]."""
+LONG = 10.0
+"""Crossings of a wave in a frame beyond which two such frames are a rest and no turning point [-]."""
 DTYPES = {"float64": torch.float64, "float32": torch.float32}
 
 Laws = tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]
@@ -66,6 +71,8 @@ class Cell:
     """Stress at which plastic laws begin to flow [E]."""
     contact: str = "elastic"
     """As of ``Scheme``; films are made with "elastic"."""
+    side: int = CELLS
+    """Side of the body [Δx]; times are in units of three, whatever it is."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +151,7 @@ def run(cell: Cell, twin: Tensor | None = None) -> tuple[Outcome, Tensor | None]
     Args:
         twin: where they are in float64.
     """
-    return play(cell, block((CELLS,) * 3, DX), scene_of(cell), twin)
+    return play(cell, scene_of(cell), twin)
 
 
 def run_pair(cell: Cell) -> list[Outcome]:
@@ -162,8 +169,9 @@ def remedied(outcome: Outcome) -> Outcome:
     return dataclasses.replace(outcome, cured=slow.verdict.kind)
 
 
-def play(cell: Cell, body: Body, scene: Scene, twin: Tensor | None = None) -> tuple[Outcome, Tensor | None]:
-    """What becomes of a body of the material of a cell in a scene, and where its particles are at the end."""
+def play(cell: Cell, scene: Scene, twin: Tensor | None = None) -> tuple[Outcome, Tensor | None]:
+    """What becomes of the body of a cell in a scene, and where its particles are at the end."""
+    body = block((cell.side,) * 3, DX)
     dtype = DTYPES[cell.precision]
     material = field(cell.matter, len(body.x), cell.E, cell.nu, cell.yields, dtype)
     reports: list[FrameReport] = []
@@ -195,7 +203,7 @@ def measure(
     tensors = [t for s in states for t in s.tensors() if t is not None]
     if not all(bool(torch.isfinite(t).all()) for t in tensors):
         return dict.fromkeys(("gain", "momentum", "shrunk", "sunk"), math.nan), math.nan
-    gain, put, last = books(cell, body, scene, states)
+    gain, put, last, stirred = books(cell, body, scene, states)
     J = torch.stack([torch.linalg.det(s.He.double() + torch.eye(3, dtype=torch.float64)) for s in states])
     low = min(float(s.x[:, 2].min()) for s in states)
     measured = {
@@ -204,11 +212,13 @@ def measure(
         "shrunk": max(float(J.max()), 1 / float(J.min())) if float(J.min()) > 0 else math.nan,
         "sunk": max(0.0, -low / DX),
     }
+    if wave(cell) / scene.fps > LONG * SIDE:
+        measured["stirred"] = stirred / put
     return measured, -last / put
 
 
-def books(cell: Cell, body: Body, scene: Scene, states: list[State]) -> tuple[float, float, float]:
-    """Largest rise of the energy, energy put in, and rise at the end [J]."""
+def books(cell: Cell, body: Body, scene: Scene, states: list[State]) -> tuple[float, float, float, float]:
+    """Largest rise of the energy, energy put in, rise at the end, and largest rise after a rest [J]."""
     elastic, plastic, branches = MATTERS[cell.matter]
     mixture = make_mixture(elastic, plastic, REAL[torch.float64], branches)
     material = field(cell.matter, len(body.x), cell.E, cell.nu, cell.yields, torch.float64)
@@ -222,7 +232,13 @@ def books(cell: Cell, body: Body, scene: Scene, states: list[State]) -> tuple[fl
         works.append(float((exact.x @ g * m).sum()))
     rises = [e - energies[0] - (w - works[0]) for e, w in zip(energies, works, strict=True)]
     put = energies[0] + max(works) - works[0]
-    return max(rises), put, rises[-1]
+    return max(rises), put, rises[-1], after_rest(energies, rises, STILL * put)
+
+
+def after_rest(energies: list[float], rises: list[float], still: float) -> float:
+    """The largest rise from the first of two times in a row at which the energy was below ``still``; 0 without one."""
+    rests = [k for k, pair in enumerate(itertools.pairwise(energies)) if max(pair) < still]
+    return max(rises[rests[0] :]) - rises[rests[0]] if rests else 0.0
 
 
 def imbalance(cell: Cell, body: Body, scene: Scene, states: list[State], reports: list[FrameReport]) -> float:

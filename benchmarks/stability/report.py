@@ -20,10 +20,10 @@ from typing import Any
 import torch
 
 from benchmarks.stability import courant, design, endurance, extremes
-from benchmarks.stability.cells import DTYPES, MATTERS, Cell, Outcome, run_pair
+from benchmarks.stability.cells import MATTERS, Outcome, run_pair
 from benchmarks.stability.pictures import draw_corners, draw_courant, draw_map
 from benchmarks.stability.verdict import LIMITS
-from benchmarks.stability.words import generated, tally
+from benchmarks.stability.words import generated, short, silent, tally
 
 log = logging.getLogger(__name__)
 
@@ -42,14 +42,15 @@ class Share:
     cells: list[tuple[str, Outcome]]
     """Kind of place in the map, and outcome."""
     courants: list[courant.Courant]
-    long: list[Outcome]
+    long: list[tuple[str, Outcome]]
+    """The same of runs of a hundred thousand substeps."""
     seconds: float
 
 
 def study(matter: str, quick: bool) -> Share:
     """The part of the work that one process does."""
     torch.set_num_threads(1)
-    begin = time.perf_counter()
+    begin = time.process_time()
     places = [*design.lines(matter), *design.corners(matter), *design.inside(matter, INSIDE)]
     if quick:
         places = places[:: len(places) // 6]
@@ -57,8 +58,8 @@ def study(matter: str, quick: bool) -> Share:
     nus = courant.NUS[1:2] if quick else courant.NUS
     courants = [courant.largest(matter, nu, alone) for alone in (False, True) for nu in nus]
     substeps = 1000 if quick else endurance.SUBSTEPS
-    long = [endurance.endure(Cell(matter, precision=p), substeps) for p in DTYPES]
-    return Share(matter, cells, courants, long, time.perf_counter() - begin)
+    long = [(place, endurance.endure(cell, substeps)) for place, cell in endurance.bodies(matter)]
+    return Share(matter, cells, courants, long, time.process_time() - begin)
 
 
 def studied(quick: bool, jobs: int, matters: list[str]) -> Iterator[Share]:
@@ -112,7 +113,7 @@ def added(data: dict[str, Any], share: Share) -> dict[str, Any]:
     found = {
         "cells": [row(axis, o) for axis, o in share.cells],
         "courant": [dataclasses.asdict(c) for c in share.courants],
-        "long": [row("long", o) for o in share.long],
+        "long": [row(place, o) for place, o in share.long],
     }
     order = list(MATTERS)
     rows = {k: [*(r for r in data[k] if r["matter"] != share.matter), *new] for k, new in found.items()}
@@ -130,12 +131,14 @@ def row(axis: str, o: Outcome) -> dict[str, object]:
     return {"place": axis, **cell, **numbers, **rest, **end}
 
 
-def put(page: Path, text: str) -> None:
-    """Replace what lies between the marks of a page; a page without them gets nothing but the text."""
-    begin, end = "<!-- measured -->\n", "<!-- /measured -->\n"
-    old = page.read_text(encoding="utf-8") if page.exists() else begin + end
-    head, _, rest = old.partition(begin)
-    page.write_text(head + begin + text + end + rest.partition(end)[2], encoding="utf-8")
+def put(page: Path, texts: dict[str, str]) -> None:
+    """Replace what lies between the marks of a page, by their names; marks that it has not come at its end."""
+    old = page.read_text(encoding="utf-8") if page.exists() else ""
+    for name, text in texts.items():
+        begin, end = f"<!-- {name} -->\n", f"<!-- /{name} -->\n"
+        head, _, rest = old.partition(begin)
+        old = head + begin + text + end + rest.partition(end)[2]
+    page.write_text(old, encoding="utf-8")
 
 
 def write(data: dict, raw: Path, pages: Path) -> None:
@@ -151,7 +154,7 @@ def write(data: dict, raw: Path, pages: Path) -> None:
     draw_map(pages / "stability_lines.png", data["cells"])
     draw_corners(pages / "stability_corners.png", data["cells"])
     draw_courant(pages / "stability_steps.png", data["courant"])
-    put(pages / "stability.md", generated(data))
+    put(pages / "stability.md", {"short": short(data), "measured": generated(data)})
 
 
 def read(raw: Path) -> dict:
@@ -167,9 +170,11 @@ def read(raw: Path) -> dict:
         rows = [{k: number(v) for k, v in r.items()} for r in csv.DictReader(file)]
     data = json.loads((raw / "stability.json").read_text(encoding="utf-8"))
     for r in rows:
-        r["substeps"], r["halvings"] = int(r["substeps"]), int(r["halvings"])
-    data["cells"] = [r for r in rows if r["place"] != "long"]
-    data["long"] = [r for r in rows if r["place"] == "long"]
+        r.update({k: int(r[k]) for k in ("side", "substeps", "halvings")})
+        r.update({k: math.nan for k in LIMITS if k not in r})
+    long = ("long", "small")
+    data["cells"] = [r for r in rows if r["place"] not in long]
+    data["long"] = [r for r in rows if r["place"] in long]
     return data | {"refusals": extremes.refusals()}
 
 
@@ -205,7 +210,6 @@ def main() -> int:
             for share in shares:
                 data = added(data, share)
                 write(data, raw, pages)  # a run that is stopped leaves what it has
-    print(generated(data))
-    silent = sum(r["verdict"] == "silent" for r in [*data["cells"], *data["long"]])
-    silent += sum(r["kind"] == "silent" for r in data["refusals"]) + sum(len(r["outside"]) for r in data["contracts"])
-    return int(silent > 0)
+    print(short(data))
+    bad = sum(r["kind"] == "silent" for r in data["refusals"]) + sum(len(r["outside"]) for r in data["contracts"])
+    return int(bad + len(silent(data)) > 0)

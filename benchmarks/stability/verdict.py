@@ -28,6 +28,14 @@ LIMITS = {
         "leapfrog keeps an energy that differs from this one by (ωΔt)²/4 of what waves of frequency ω carry: per cents "
         "of a shock at CFL 0.4; what grows without bound passes both",
     ),
+    "stirred": Limit(
+        0.01,
+        0.05,
+        "the same after a rest, two frames of more than ten crossings of a wave in which kinetic + stored energy are "
+        "below 1 % of all put in",
+        "nothing moves what has come to rest, so the bounds are those of the gain; an elastic floor under it stores "
+        "½ m (g Δx/c)²/2, far less",
+    ),
     "momentum": Limit(
         1.0,
         100.0,

@@ -30,18 +30,45 @@ def tally(rows: list[dict]) -> str:
     return ", ".join(f"{n} {kind}" for kind, n in counted(rows).items())
 
 
+def silent(data: dict) -> list[dict]:
+    """Runs that were wrong without a word, less those of which the page says so."""
+    return [r for r in [*data["cells"], *data["long"]] if r["verdict"] == "silent" and r["place"] != "small"]
+
+
+def worst(rows: list[dict], name: str) -> float:
+    """The largest finite value; NaN where there is none."""
+    return max((r[name] for r in rows if math.isfinite(r[name])), default=math.nan)
+
+
+def by_law(data: dict) -> str:
+    """What a reader looks for first: largest steps, energy, and what float32 changes."""
+    head = "| matter | stable to c Δt/Δx, body | particle alone | largest gain of energy | in 10⁵ substeps |"
+    lines = [head + " float32 from float64 |", "|---|" + "--:|" * 5]
+    for matter in dict.fromkeys(r["matter"] for r in data["cells"]):
+        its, long = ([r for r in rows if r["matter"] == matter] for rows in (data["cells"], ordinary(data)))
+        least = [
+            min(r["largest"] for r in data["courant"] if r["matter"] == matter and r["alone"] == a) for a in (0, 1)
+        ]
+        numbers = [f"{v:.2f}" for v in least] + [f"{worst(rows, 'gain'):.0e}" for rows in (its, long)]
+        lines.append(f"| {matter} | " + " | ".join([*numbers, f"{worst(its, 'apart'):.0e}"]) + " |")
+    return "\n".join(lines)
+
+
+def ordinary(data: dict) -> list[dict]:
+    """Long runs of the body of the map."""
+    return [r for r in data["long"] if r["place"] == "long"]
+
+
 def by_matter(data: dict) -> str:
-    """Verdicts, worst numbers and margins of every matter."""
+    """Verdicts and worst numbers of every matter."""
     head = "| matter | cells | stable | drift | error | silent | largest gain | largest loss at 0.1 c | deepest [Δx] |"
     lines = [head + " 1/J, J | float32 from float64 |", "|---|" + "--:|" * 10]
     for matter in dict.fromkeys(r["matter"] for r in data["cells"]):
         rows = [r for r in data["cells"] if r["matter"] == matter]
-        n = counted(rows)
-        lost = [r["lost"] for r in rows if r["place"] == "E" and math.isfinite(r["lost"])]
-        worst = {k: max((r[k] for r in rows if math.isfinite(r[k])), default=math.nan) for k in LIMITS}
-        kinds = " | ".join(str(n[k]) for k in KINDS)
-        numbers = f"{worst['gain']:.1e} | {max(lost, default=math.nan):.0%} | {worst['sunk']:.2f}"
-        lines.append(f"| {matter} | {len(rows)} | {kinds} | {numbers} | {worst['shrunk']:.2g} | {worst['apart']:.1e} |")
+        kinds = " | ".join(str(n) for n in counted(rows).values())
+        lost = worst([r for r in rows if r["place"] == "E"], "lost")
+        numbers = f"{worst(rows, 'gain'):.1e} | {lost:.0%} | {worst(rows, 'sunk'):.2f} | {worst(rows, 'shrunk'):.2g}"
+        lines.append(f"| {matter} | {len(rows)} | {kinds} | {numbers} | {worst(rows, 'apart'):.1e} |")
     return "\n".join(lines)
 
 
@@ -55,10 +82,10 @@ def unusual(data: dict) -> str:
         return "None."
     lines = ["| verdict | by | cells | speeds | ν | worst | of |", "|---|---|--:|---|---|--:|---|"]
     for (kind, by), rows in sorted(groups.items()):
-        worst = max(rows, key=lambda r: r[by] if math.isfinite(r[by]) else math.inf)
+        last = max(rows, key=lambda r: r[by] if math.isfinite(r[by]) else math.inf)
         spans = [f"{min(r[k] for r in rows):.2g} … {max(r[k] for r in rows):.4g}" for k in ("speed", "nu")]
-        numbers = f"{spans[0]} c | {spans[1]} | {worst[by]:.3g}"
-        lines.append(f"| {kind} | {by} | {len(rows)} | {numbers} | {worst['matter']} |")
+        numbers = f"{spans[0]} c | {spans[1]} | {last[by]:.3g}"
+        lines.append(f"| {kind} | {by} | {len(rows)} | {numbers} | {last['matter']} |")
     return "\n".join(lines)
 
 
@@ -79,13 +106,16 @@ def messages(data: dict) -> str:
 
 
 def long_runs(rows: list[dict]) -> str:
-    """Runs of a hundred thousand substeps."""
-    lines = ["| matter | precision | substeps | verdict | largest gain | momentum | deepest [Δx] | energy left |"]
-    lines.append("|---|---|--:|---|--:|--:|--:|--:|")
+    """Runs of a hundred thousand substeps; of the small ones the size and the floor as well."""
+    small = rows and rows[0]["place"] == "small"
+    names = ("matter", "cells", "floor", "precision") if small else ("matter", "precision")
+    head = "| substeps | verdict | largest gain | momentum, in roundings | 1/J, J | deepest [Δx] | energy left |"
+    lines = [f"| {' | '.join(names)} {head}", "|" + "---|" * len(names) + "--:|---|" + "--:|" * 5]
     for r in rows:
-        numbers = f"{r['gain']:.1e} | {r['momentum']:.2g} | {r['sunk']:.2f} | {1 - r['lost']:.1e}"
+        who = (r["matter"], f"{r['side']}³", r["contact"], r["precision"]) if small else (r["matter"], r["precision"])
         verdict = r["verdict"] if r["verdict"] == "stable" else f"{r['verdict']}: {r['why'].split(';')[0]}"
-        lines.append(f"| {r['matter']} | {r['precision']} | {r['substeps']} | {verdict} | {numbers} |")
+        numbers = f"{r['gain']:.0e} | {r['momentum']:.1g} | {r['shrunk']:.3g} | {r['sunk']:.2f} | {1 - r['lost']:.0e}"
+        lines.append(f"| {' | '.join(who)} | {r['substeps']} | {verdict} | {numbers} |")
     return "\n".join(lines)
 
 
@@ -133,6 +163,41 @@ def covered(data: dict) -> str:
     return text + (f"; **not measured yet:** {'; '.join(missing)}" if missing else "")
 
 
+def short(data: dict) -> str:
+    """What the page says first."""
+    cells, long, small = data["cells"], ordinary(data), [r for r in data["long"] if r["place"] == "small"]
+    every = [*cells, *data["long"], *(r | {"verdict": r["kind"]} for r in data["refusals"])]
+    said = {template(r["why"]) for r in every if r["verdict"] == "error"}
+    drifts = [r for r in cells if r["verdict"] == "drift"]
+    names = ", ".join(sorted({f"`{r['why'].split(' ')[0]}`" for r in drifts}))
+    where = f", all at {min(r['speed'] for r in drifts):.2g} c or faster, by {names}" if drifts else ""
+    single = [r for r in data["far"] if r["precision"] == "float32"]
+    place, change = max((r["place"], r["change"]) for r in single if r["change"] is not None)
+    refused = min(r["place"] for r in single if r["change"] is None)
+    bad = counted(small)["silent"]
+    body, alone = (min(r["largest"] for r in data["courant"] if r["alone"] == a) for a in (False, True))
+    return f"""**{len(silent(data))} silent cells:** of {len(cells)} in the map {tally(cells)}; of {len(long)} runs of \
+a hundred thousand substeps {tally(long)}.
+
+- *Drift:* {len(drifts)} cells{where}; the deepest particle was {worst(cells, "sunk"):.2f} Δx below the floor.
+- *Energy:* the largest gain in the map is {worst(cells, "gain"):.0e} of what was put in, in the long runs \
+{worst(long, "gain"):.0e}.
+- *Steps:* bodies are stable to c Δt/Δx = {body:.2f} at least, a particle alone to {alone:.2f}; the clock takes \
+{courant.CHOSEN} and refuses a pinned step beyond {courant.STABLE}.
+- *float32* ends within {worst(cells, "apart"):.0e} of the side of the body from float64 in every cell that ends well. \
+It is refused where it does not tell places apart: with cells of {DX:g} m it is right to {change:.0e} at {place:g} m \
+from the origin, and refused at {refused:g} m.
+- *Errors:* {len(said)} different messages, each quoted [below](#every-error-and-what-to-do) with its remedy.
+- *Small bodies at rest:* {bad} of {len(small)} long runs of bodies of one and two cells are wrong in silence, see \
+[below](#small-bodies-at-rest).
+
+{by_law(data)}
+
+*Gain* is the largest rise of the energy over all that was put in; steps are the least of ν = \
+{", ".join(f"{nu:g}" for nu in dict.fromkeys(r["nu"] for r in data["courant"]))}.
+"""
+
+
 def generated(data: dict) -> str:
     """The measured part of the page."""
     cells, inner = data["cells"], [r for r in data["cells"] if r["place"] == "inside"]
@@ -142,19 +207,17 @@ def generated(data: dict) -> str:
     bad = sum(r["kind"] == "silent" for r in data["refusals"]) + sum(len(r["outside"]) for r in data["contracts"])
     errors = [r for r in cells if r["verdict"] == "error"]
     cured = sum(r["cured"] in ("stable", "drift") for r in errors)
-    silent = counted(cells)["silent"] + counted(data["long"])["silent"]
-    return f"""Measured on {data["machine"]}, {covered(data)}.
-
-**{silent} silent cells** among {len(cells)} of the map and {len(data["long"])} long runs; {said} of \
-{len(data["refusals"])} impossible inputs refused; {bad} checks of the contract cases outside.
+    gone = (
+        f"Of the {len(errors)} errors of the map {cured} are gone at a third of the speed, as their remedy has it.\n\n"
+    )
+    return f"""Measured on {data["machine"]}, {covered(data)}. {said} of {len(data["refusals"])} impossible inputs \
+were refused; {bad} checks of the contract cases are outside.
 
 - on lines through the centre: {tally(onlines)}
 - at corners: {tally(corner)}
 - anywhere inside, {len(inner) // max(1, len({r["matter"] for r in inner}))} a matter: {tally(inner)}
 
-Of the {len(errors)} errors of the map {cured} are gone at a third of the speed, as their remedy has it.
-
-![Lines through the centre of the map](stability_lines.png)
+{gone if errors else ""}![Lines through the centre of the map](stability_lines.png)
 
 ![Corners of the map](stability_corners.png)
 
@@ -178,7 +241,11 @@ Of the {len(errors)} errors of the map {cured} are gone at a third of the speed,
 
 ### A hundred thousand substeps
 
-{long_runs(data["long"])}
+{long_runs(ordinary(data))}
+
+### Small bodies at rest
+
+{long_runs([r for r in data["long"] if r["place"] == "small"])}
 
 ### Extreme input
 
