@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import warp as wp
 
 from diffuphy.material import PLASTIC
 from diffuphy.material.expert import MEMORY, Plastic
@@ -156,6 +157,20 @@ def test_melting_is_bingham_with_a_strength_that_fades():
     solid = evaluate(("hencky",), ("viscoplastic",), F, dt=dt, params=soft)
     assert np.abs(melting["Fe"] - solid["Fe"]).max() < 1e-14
     assert np.abs(melting["heat"] - (heat + dt / DEFAULTS["melt_time"])).max() < 1e-15
+
+
+@pytest.mark.parametrize("dt", [0.0, 2e-3])
+@pytest.mark.parametrize("real", [wp.float32, wp.float64])
+def test_what_has_melted_through_flows_in_no_time(dt: float, real: type):
+    """e^(−h) is zero at last: σ_Y = η = 0 is von Mises of no strength, dev e = 0, in a step of none as well; values and
+    gradients are finite."""
+    F, bar = generic(50, RNG), RNG.normal(size=(50, 3, 3))
+    out = evaluate(
+        ("hencky",), ("melting",), F, dt=dt, memory={"heat": np.full(50, 1e4)}, tau_bar=bar, Fe_bar=bar, real=real
+    )
+    s = np.linalg.svd(out["Fe"], compute_uv=False)
+    assert (s.max(1) / s.min(1) - 1).max() < 64 * np.finfo(np.float32 if real is wp.float32 else np.float64).eps
+    assert all(np.isfinite(v).all() for v in out.values())
 
 
 def test_memory_is_kept_in_one_order_whatever_the_laws():

@@ -33,7 +33,9 @@ def build(layout: Layout) -> PlasticFunctions:
         r = root * theta[at] / (real(2.0) * mu)
         a = real(0.0)
         if n > r:
-            a = (n - r) / n * (mu * dt / (mu * dt + theta[at_eta]))
+            a = (n - r) / n
+            if theta[at_eta] > real(0.0):  # else it flows in no time, also in a step of none
+                a = a * (mu * dt / (mu * dt + theta[at_eta]))
         return a, real(0.0)
 
     @wp.func(module="unique")
@@ -43,8 +45,11 @@ def build(layout: Layout) -> PlasticFunctions:
         n_bar = real(0.0)
         theta_bar = theta_t()
         if n > r:  # a = (1 − r/n) g,  g = μ dt/(μ dt + η)
-            d = real(1.0) / (mu * dt + theta[at_eta])
-            g = mu * dt * d
+            d = real(0.0)
+            g = real(1.0)
+            if mu * dt + theta[at_eta] > real(0.0):
+                d = real(1.0) / (mu * dt + theta[at_eta])
+                g = mu * dt * d
             g_bar = a_bar * (n - r) / n
             r_bar = -a_bar * g / n
             n_bar = a_bar * g * r / (n * n)
@@ -61,7 +66,9 @@ def flow(n: Tensor, tr: Tensor, params: dict[str, Tensor], dt: float) -> tuple[T
     mu, _ = moduli.lame(params)
     r = (2 / 3) ** 0.5 * params["yield_stress"] / (2 * mu)
     flows = n > r
-    share = (n - r) / torch.where(flows, n, torch.ones_like(n)) * (mu * dt / (mu * dt + params["viscosity"]))
+    eta = params["viscosity"]
+    rate = torch.where(eta > 0, mu * dt / torch.where(eta > 0, mu * dt + eta, torch.ones_like(n)), torch.ones_like(n))
+    share = (n - r) / torch.where(flows, n, torch.ones_like(n)) * rate
     return torch.where(flows, share, torch.zeros_like(n)), torch.zeros_like(n)
 
 
