@@ -20,7 +20,7 @@ WEIGHT = 1e-3
 PIT = (-DX, 4 * DX)
 """Where its sides are [m]: the five cells that two mirrors need between them."""
 
-FLUID = ("fluid", "drucker", "clay", "three")
+FLUID = ("fluid", "drucker", "clay", "melting", "three")
 """What does not stay together, by parts of names of matters."""
 
 
