@@ -1,6 +1,6 @@
 """Where the simulation is stable, where it says that it is not, and where it would be wrong in silence.
 
-python -m benchmarks stability            # the whole map, some ten minutes on two cores: docs/numerics/stability.md
+python -m benchmarks stability            # the whole map, seven minutes on two cores: docs/numerics/stability.md
 python -m benchmarks stability --quick    # one law and a few cells, to see that it runs
 
 Law × E × ν × speed of impact × CFL × precision on lines, corners and points inside; the largest stable step of every
