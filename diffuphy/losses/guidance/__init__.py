@@ -5,6 +5,7 @@ from typing import Any, Literal, Protocol
 import torch
 from torch import Tensor
 
+from diffuphy.models import MissingWeights as MissingWeights
 from diffuphy.types import Camera, Look, Motion
 
 Layout = Literal["image", "views", "clip", "points"]
@@ -42,10 +43,6 @@ class Guidance(Protocol):
     def predict_noise(self, z_t: Tensor, t: Tensor, cond: Any) -> Tensor:
         """ε̂(z_t; y, t), the shape of z_t."""
         ...
-
-
-class MissingWeights(FileNotFoundError):
-    """A pretrained model is not on this machine; the message is one line and says what to run or change."""
 
 
 def view_words(camera: Camera) -> tuple[str, ...]:

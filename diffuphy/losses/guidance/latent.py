@@ -1,7 +1,6 @@
 """What the latent diffusion models of the Stable Diffusion family share: weights, text, latents, prediction,
 guidance."""
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -11,8 +10,8 @@ import torch
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
-from diffuphy.losses.guidance import MissingWeights
 from diffuphy.losses.schedules import timestep, variance_preserving
+from diffuphy.models import load_component, where
 
 
 class Texts(NamedTuple):
@@ -48,21 +47,6 @@ def to_epsilon(output: Tensor, z_t: Tensor, alpha: Tensor, sigma: Tensor, predic
     if prediction == "sample":
         return (z_t - alpha * output) / sigma
     raise ValueError(f"prediction_type of the scheduler must be epsilon, v_prediction or sample, got {prediction!r}")
-
-
-def load_component(load: Callable[..., Any], model: str, subfolder: str, backend: str, **options: Any) -> Any:
-    """``load(model, subfolder=..., ...)``, that is ``from_pretrained``; absence becomes one line that says what to
-    do."""
-    try:
-        return load(model, subfolder=subfolder, **options)
-    except (OSError, ValueError) as e:
-        if os.path.isdir(os.path.join(model, subfolder)):  # present but unreadable: the library's own words say more
-            raise
-        raise MissingWeights(
-            f"guidance={backend}: no weights of {model!r} ({subfolder}) on this machine; "
-            f"run `hf download {model}` where there is a network, or set guidance.model=/path/to/folder, "
-            f"or use guidance=analytic, which needs none ({type(e).__name__})"
-        ) from None
 
 
 @dataclass(frozen=True)
@@ -108,9 +92,7 @@ class LatentDiffusion:
 
     # ------------------------------------------------------------------ weights
     def _load(self, load: Callable[..., Any], subfolder: str, **options: Any) -> Any:
-        options |= {"local_files_only": self.local_files_only}
-        if self.revision is not None:
-            options["revision"] = self.revision
+        options |= where(self.revision, self.local_files_only)
         return load_component(load, self.model, subfolder, self.backend, **options)
 
     def noise(self) -> tuple[Tensor, str]:
