@@ -93,3 +93,12 @@ def variance_preserving(t: Tensor, alpha_bar: Tensor) -> tuple[Tensor, Tensor]:
     """α_t = √ᾱ_k and σ_t = √(1 − ᾱ_k) at k = ⌊n t⌋, each of the shape, dtype and device of ``t``."""
     a = alpha_bar.to(t.device)[timestep(t, len(alpha_bar))]
     return a.sqrt().to(t.dtype), (1 - a).sqrt().to(t.dtype)
+
+
+def rectified_flow(t: Tensor, shift: float = 1.0) -> tuple[Tensor, Tensor]:
+    """α = 1 − σ and σ = s t/(1 + (s − 1) t) of straight paths between sample and noise, each of the shape of ``t``.
+
+    Lipman et al., flow matching (2023); the shift to more noise for large pictures of Esser et al. (2024), eq. 23.
+    """
+    sigma = shift * t / (1 + (shift - 1) * t)
+    return 1 - sigma, sigma

@@ -1,0 +1,131 @@
+"""What video diffusion transformers share: text of a T5 encoder, an autoencoder that sees the clip as a whole."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from diffuphy.losses.guidance import Layout, embeddings
+from diffuphy.losses.guidance.latent import LatentDiffusion, Networks, Texts
+from diffuphy.types import Camera, Look, Motion
+
+
+@dataclass(frozen=True)
+class ClipTransformer(LatentDiffusion):
+    """Base of video priors with a transformer in latents of a 3D autoencoder, causal in time.
+
+    The autoencoder turns 4 k + 1 frames into k + 1 latent ones; frames cannot be encoded one by one.
+    """
+
+    layout: ClassVar[Layout] = "clip"
+    cuts_frames: ClassVar[bool] = False
+    autoencoder_class: ClassVar[str]
+    transformer_class: ClassVar[str]
+    text_class: ClassVar[str]
+    text_length: ClassVar[int] = 226
+    """Tokens of a text, what the pipelines of diffusers pad to."""
+    stride: ClassVar[int] = 16
+    """Sides of a clip are multiples of this [px]: 8 of the autoencoder times 2 of the patches."""
+
+    cfg: float = 30.0
+    """Classifier-free guidance scale."""
+    dtype: str = "bfloat16"  # type: ignore[assignment]
+    """Of transformer and text encoder: they were trained in bfloat16, float16 overflows in T5."""
+    size: int = 256
+    """Side the frames are resized to [px], a multiple of 16."""
+    embeddings: str | None = None
+    """Folder where embedded texts are kept from run to run, so that the text encoder (about 10 GB) is loaded once for
+    each text; None keeps them in memory only."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.size < self.stride or self.size % self.stride:
+            raise ValueError(f"size must be a positive multiple of {self.stride} px, got {self.size}")
+
+    # ------------------------------------------------------------------ networks
+    def networks(self, device: torch.device) -> Networks:
+        """Transformer and autoencoder on ``device``, loaded on first use."""
+        if "networks" not in self._memory:
+            import diffusers
+
+            transformer = self._load(
+                getattr(diffusers, self.transformer_class).from_pretrained,
+                "transformer",
+                dtype=getattr(torch, self.dtype),
+            )
+            vae = self._load(getattr(diffusers, self.autoencoder_class).from_pretrained, "vae", dtype=torch.float32)
+            self._memory["networks"] = Networks(*(m.eval().requires_grad_(False) for m in (transformer, vae)))
+        for module in self._memory["networks"]:
+            module.to(device)
+        return self._memory["networks"]
+
+    # ------------------------------------------------------------------ text
+    def condition(
+        self, words: Look | Motion, camera: Camera, background: Tensor, *, generator: torch.Generator | None = None
+    ) -> Texts:
+        """Embedding of the words; one clip is one sample, from one camera."""
+        return self.texts([words.text], words.negative, background.device)
+
+    def embed(self, texts: Sequence[str], device: torch.device) -> Tensor:
+        """Last hidden states of the T5 encoder for each text, shape (n, text_length, D), float32; remembered, on the
+        disk too if a folder is set."""
+        known: dict[str, Tensor] = self._memory.setdefault("texts", {})
+        store = embeddings.Folder(self.embeddings, self.model, self.revision, self.dtype, self.text_length)
+        for text in set(texts) - known.keys():
+            if (found := store.get(text)) is not None:
+                known[text] = found
+        if new := sorted(set(texts) - known.keys()):
+            for text, states in zip(new, self._encode_text(new, device), strict=True):
+                known[text] = states
+                store.put(text, states)
+        return torch.stack([known[t].to(device) for t in texts])
+
+    @torch.no_grad()
+    def _encode_text(self, texts: list[str], device: torch.device) -> Tensor:
+        """Hidden states (n, text_length, D), float32, on the host; the encoder is freed afterwards."""
+        import transformers
+
+        tokenizer = self._load(transformers.AutoTokenizer.from_pretrained, "tokenizer")
+        encoder = self._load(
+            getattr(transformers, self.text_class).from_pretrained, "text_encoder", dtype=getattr(torch, self.dtype)
+        )
+        encoder = encoder.eval().requires_grad_(False).to(device)
+        tokens = tokenizer(
+            texts, padding="max_length", max_length=self.text_length, truncation=True, return_tensors="pt"
+        )
+        return self._hidden(encoder, tokens.input_ids.to(device), tokens.attention_mask.to(device)).float().cpu()
+
+    def _hidden(self, encoder: Any, ids: Tensor, mask: Tensor) -> Tensor:
+        """Hidden states as the model was trained with them, shape (n, text_length, D)."""
+        raise NotImplementedError
+
+    # ------------------------------------------------------------------ latents
+    def encode(self, sample: Tensor) -> Tensor:
+        """Latents of a clip (1, 4 k + 1, H, W, 3) in [0, 1], float32, differentiable.
+
+        Raises:
+            ValueError: not one clip, or a number of frames that the autoencoder cannot take.
+        """
+        name = type(self).__name__
+        if sample.ndim != 5 or len(sample) != 1:
+            raise ValueError(f"{name} takes one clip of shape (1, T, H, W, 3), got {tuple(sample.shape)}")
+        frames = sample.shape[1]
+        if frames % 4 != 1:
+            fewer = 4 * ((frames - 1) // 4) + 1
+            raise ValueError(
+                f"{name} takes clips of 4 k + 1 frames (its autoencoder is causal, four frames to a latent one), got "
+                f"{frames}; show it {fewer} or {fewer + 4}"
+            )
+        x = sample[0].float().permute(0, 3, 1, 2)
+        if x.shape[-2:] != (self.size, self.size):
+            x = torch.nn.functional.interpolate(
+                x, (self.size, self.size), mode="bilinear", align_corners=False, antialias=True
+            )
+        vae = self.networks(sample.device).vae
+        return self._scaled(vae, vae.encode(2 * x.movedim(0, 1)[None] - 1).latent_dist.mode())
+
+    def _scaled(self, vae: Any, z: Tensor) -> Tensor:
+        """Latents of the autoencoder in the units, and the order of axes, of the transformer."""
+        raise NotImplementedError
