@@ -1,7 +1,7 @@
 """What video diffusion transformers share: text of a T5 encoder, an autoencoder that sees the clip as a whole."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import torch
@@ -20,7 +20,6 @@ class ClipTransformer(LatentDiffusion):
     """
 
     layout: ClassVar[Layout] = "clip"
-    cuts_frames: ClassVar[bool] = False
     autoencoder_class: ClassVar[str]
     transformer_class: ClassVar[str]
     text_class: ClassVar[str]
@@ -30,12 +29,13 @@ class ClipTransformer(LatentDiffusion):
     """Sides of a clip are multiples of this [px]: 8 of the autoencoder times 2 of the patches."""
 
     cfg: float = 30.0
-    """Classifier-free guidance scale."""
+    """Classifier-free guidance scale; between the 5 of sampling and the 100 of distillation, not tuned on real
+    weights."""
     dtype: str = "bfloat16"  # type: ignore[assignment]
     """Of transformer and text encoder: they were trained in bfloat16, float16 overflows in T5."""
     size: int = 256
     """Side the frames are resized to [px], a multiple of 16."""
-    embeddings: str | None = None
+    embeddings: str | None = field(default=None, metadata={"runtime": True})
     """Folder where embedded texts are kept from run to run, so that the text encoder (about 10 GB) is loaded once for
     each text; None keeps them in memory only."""
 
