@@ -118,10 +118,10 @@ def test_sds_gradient_of_cogvideox_is_that_of_its_pipeline_written_out(folders, 
     with torch.no_grad():
         z_t = a * z + s * noise
         texts = pipe.encode_prompt(FALL.text, FALL.negative, device="cpu", dtype=torch.float32)
-        rotary = pipe._prepare_rotary_positional_embeddings(32, 32, 2, torch.device("cpu")) if "rotary" in name else None
-        positive, negative = (
-            pipe.transformer(z_t, e, k, image_rotary_emb=rotary, return_dict=False)[0] for e in texts
+        rotary = (
+            pipe._prepare_rotary_positional_embeddings(32, 32, 2, torch.device("cpu")) if "rotary" in name else None
         )
+        positive, negative = (pipe.transformer(z_t, e, k, image_rotary_emb=rotary, return_dict=False)[0] for e in texts)
         v = negative + 6.0 * (positive - negative)
         grad = s**2 * (a * v + s * z_t - noise)
     z.backward(grad)
@@ -188,3 +188,45 @@ def test_rectified_flow_runs_from_sample_to_noise_and_shifts_towards_noise():
         torch.testing.assert_close(alpha + sigma, torch.ones(3, dtype=torch.float64))
 
 
+FULL = {
+    "wan": (
+        {"num_attention_heads": 12, "attention_head_dim": 128, "ffn_dim": 8960, "num_layers": 30}, {},
+        {"vocab_size": 256384}, 1_418_996_800, 5_680_910_336,
+    ),
+    "cogvideox": (
+        {"num_layers": 30},
+        {
+            "block_out_channels": (128, 256, 256, 512), "latent_channels": 16, "layers_per_block": 3,
+            "down_block_types": ("CogVideoXDownBlock3D",) * 4, "up_block_types": ("CogVideoXUpBlock3D",) * 4,
+        },
+        {"vocab_size": 32128}, 1_693_783_872, 4_762_310_656,
+    ),
+}  # fmt: skip
+XXL = {"d_model": 4096, "d_kv": 64, "d_ff": 10240, "num_layers": 24, "num_heads": 64, "feed_forward_proj": "gated-gelu"}
+"""Transformer, autoencoder and text encoder (an XXL) of the published 1.3B and 2b models; parameters of the first and
+the last."""
+
+
+@pytest.mark.parametrize("name", FULL)
+def test_the_published_size_is_counted_and_measured_without_its_weights(name, tmp_path, monkeypatch):
+    """The real configurations on the meta device: parameters as published (1.42 and 1.69 billion, text 5.68 and 4.76),
+    weights in bfloat16 two bytes each; a clip of 17 frames fits in less memory than one of 33."""
+    import diffusers
+    import transformers
+
+    kind = Wan if name == "wan" else CogVideoX
+    network, autoencoder, words, count, text = FULL[name]
+    getattr(tiny_models, name)(tmp_path)
+    with torch.device("meta"):
+        configs = {
+            "transformer": getattr(diffusers, kind.unet_class)(**network).config,
+            "vae": getattr(diffusers, kind.vae_class)(**autoencoder).config,
+            "text_encoder": getattr(transformers, kind.text_class).config_class(**XXL, **words).to_dict(),
+        }
+    settings = kind.settings
+    monkeypatch.setattr(kind, "settings", lambda self, part: dict(configs.get(part) or settings(self, part)))
+    prior = kind(model=str(tmp_path), size=64)
+    found, longer = prior.footprint(17), prior.footprint(33)
+    assert 2 * count <= found.unet < 2.05 * count  # and buffers: CogVideoX has a table of positions, 2 % of it
+    assert found.text == pytest.approx(2 * text, rel=1e-3)
+    assert longer.denoising > found.denoising and longer.encoding > found.encoding

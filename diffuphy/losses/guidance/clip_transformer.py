@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from diffuphy.losses.guidance import Layout, embeddings
-from diffuphy.losses.guidance.latent import LatentDiffusion, Networks, Texts
+from diffuphy.losses.guidance.latent import LatentDiffusion, Texts
+from diffuphy.losses.guidance.recompute import Recomputed
 from diffuphy.types import Camera, Look, Motion
 
 
@@ -20,10 +21,8 @@ class ClipTransformer(LatentDiffusion):
     """
 
     layout: ClassVar[Layout] = "clip"
-    autoencoder_class: ClassVar[str]
-    transformer_class: ClassVar[str]
-    text_class: ClassVar[str]
-    text_length: ClassVar[int] = 226
+    unet_folder: ClassVar[str] = "transformer"
+    text_length: ClassVar[int | None] = 226
     """Tokens of a text, what the pipelines of diffusers pad to."""
     stride: ClassVar[int] = 16
     """Sides of a clip are multiples of this [px]: 8 of the autoencoder times 2 of the patches."""
@@ -41,25 +40,8 @@ class ClipTransformer(LatentDiffusion):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.size < self.stride or self.size % self.stride:
+        if self.size % self.stride:
             raise ValueError(f"size must be a positive multiple of {self.stride} px, got {self.size}")
-
-    # ------------------------------------------------------------------ networks
-    def networks(self, device: torch.device) -> Networks:
-        """Transformer and autoencoder on ``device``, loaded on first use."""
-        if "networks" not in self._memory:
-            import diffusers
-
-            transformer = self._load(
-                getattr(diffusers, self.transformer_class).from_pretrained,
-                "transformer",
-                dtype=getattr(torch, self.dtype),
-            )
-            vae = self._load(getattr(diffusers, self.autoencoder_class).from_pretrained, "vae", dtype=torch.float32)
-            self._memory["networks"] = Networks(*(m.eval().requires_grad_(False) for m in (transformer, vae)))
-        for module in self._memory["networks"]:
-            module.to(device)
-        return self._memory["networks"]
 
     # ------------------------------------------------------------------ text
     def condition(
@@ -72,6 +54,7 @@ class ClipTransformer(LatentDiffusion):
         """Last hidden states of the T5 encoder for each text, shape (n, text_length, D), float32; remembered, on the
         disk too if a folder is set."""
         known: dict[str, Tensor] = self._memory.setdefault("texts", {})
+        assert self.text_length is not None
         store = embeddings.Folder(self.embeddings, self.model, self.revision, self.dtype, self.text_length)
         for text in set(texts) - known.keys():
             if (found := store.get(text)) is not None:
@@ -123,8 +106,17 @@ class ClipTransformer(LatentDiffusion):
             x = torch.nn.functional.interpolate(
                 x, (self.size, self.size), mode="bilinear", align_corners=False, antialias=True
             )
-        vae = self.networks(sample.device).vae
-        return self._scaled(vae, vae.encode(2 * x.movedim(0, 1)[None] - 1).latent_dist.mode())
+        if not self.offload:
+            return self._encoded(self.networks(sample.device).vae, x.movedim(0, 1))[None]
+        return Recomputed.apply(x.movedim(0, 1)[None], self._encoded, lambda: self.use("vae", x.device))
+
+    def _encoded(self, vae: Any, clip: Tensor) -> Tensor:
+        """Latents of one clip (3, T, H, W) in [0, 1]."""
+        return self._scaled(vae, vae.encode(2 * clip[None] - 1).latent_dist.mode())[0]
+
+    def sight(self, count: int) -> tuple[int, ...]:
+        """Shape of what the autoencoder sees at a time: the clip."""
+        return (1, 3, 4 * ((count - 1) // 4) + 1, self.size, self.size)
 
     def _scaled(self, vae: Any, z: Tensor) -> Tensor:
         """Latents of the autoencoder in the units, and the order of axes, of the transformer."""

@@ -7,7 +7,6 @@ import torch
 from torch import Tensor
 
 from diffuphy.losses.guidance.clip_transformer import ClipTransformer
-from diffuphy.losses.guidance.latent import Texts, to_epsilon
 from diffuphy.losses.schedules import timestep
 
 
@@ -15,8 +14,8 @@ from diffuphy.losses.schedules import timestep
 class CogVideoX(ClipTransformer):
     """Video prior that predicts v on a schedule with shifted signal-to-noise ratio and no signal at its end."""
 
-    autoencoder_class: ClassVar[str] = "AutoencoderKLCogVideoX"
-    transformer_class: ClassVar[str] = "CogVideoXTransformer3DModel"
+    vae_class: ClassVar[str] = "AutoencoderKLCogVideoX"
+    unet_class: ClassVar[str] = "CogVideoXTransformer3DModel"
     text_class: ClassVar[str] = "T5EncoderModel"
 
     model: str = "zai-org/CogVideoX-2b"
@@ -39,11 +38,23 @@ class CogVideoX(ClipTransformer):
             self._memory["noise"] = (scheduler.alphas_cumprod.double(), scheduler.config.prediction_type)
         return self._memory["noise"]
 
-    def _rotary(self, transformer: Any, frames: int, device: torch.device) -> tuple[Tensor, Tensor] | None:
-        """Rotary angles of the 5b models, None for the 2b one."""
-        config = transformer.config
-        if not config.use_rotary_positional_embeddings:
-            return None
+    def rows(self, z_t: Tensor, t: Tensor, text: Tensor, labels: Tensor | None) -> dict[str, Tensor]:
+        """Latents, step, text."""
+        return {"hidden_states": z_t, "timestep": timestep(t, len(self.noise()[0])), "encoder_hidden_states": text}
+
+    def shared(self, denoiser: Any, z_t: Tensor) -> dict[str, Any]:
+        """Rotary angles of the 5b models; the 2b one has none."""
+        if not denoiser.config.use_rotary_positional_embeddings:
+            return {}
+        return {"image_rotary_emb": self._rotary(denoiser.config, z_t.shape[1], z_t.device)}
+
+    def latents(self, count: int) -> tuple[int, ...]:
+        """(1, (T + 3)/4, C, size/8, size/8)."""
+        channels, height, width = self.latent_shape(self.size)
+        return (1, (count + 3) // 4, channels, height, width)
+
+    def _rotary(self, config: Any, frames: int, device: torch.device) -> tuple[Tensor, Tensor]:
+        """Cosines and sines of the angles of all patches."""
         from diffusers.models.embeddings import get_3d_rotary_pos_embed
 
         side, p = self.size // (8 * config.patch_size), config.patch_size
@@ -67,21 +78,3 @@ class CogVideoX(ClipTransformer):
             temporal_size=frames,
             device=device,
         )
-
-    @torch.no_grad()
-    def predict_noise(self, z_t: Tensor, t: Tensor, cond: Texts) -> Tensor:
-        """ε̂ = ε̂_neg + cfg (ε̂_pos − ε̂_neg), combined in float32; one call of the network on both texts."""
-        transformer = self.networks(z_t.device).unet
-        alpha_bar, prediction = self.noise()
-        dtype = getattr(torch, self.dtype)
-        k = timestep(t, len(alpha_bar)).to(z_t.device)
-        output = transformer(
-            hidden_states=torch.cat([z_t, z_t]).to(dtype),
-            timestep=torch.cat([k, k]),
-            encoder_hidden_states=torch.cat([cond.negative, cond.positive]).to(z_t.device, dtype),
-            image_rotary_emb=self._rotary(transformer, z_t.shape[1], z_t.device),
-            return_dict=False,
-        )[0].float()
-        alpha, sigma = (a.to(z_t).view(-1, 1, 1, 1, 1) for a in self.schedule(t))
-        negative, positive = (to_epsilon(o, z_t, alpha, sigma, prediction) for o in output.chunk(2))
-        return negative + self.cfg * (positive - negative)

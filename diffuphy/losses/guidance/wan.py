@@ -7,7 +7,6 @@ import torch
 from torch import Tensor
 
 from diffuphy.losses.guidance.clip_transformer import ClipTransformer
-from diffuphy.losses.guidance.latent import Texts
 from diffuphy.losses.schedules import rectified_flow
 
 
@@ -20,8 +19,8 @@ class Wan(ClipTransformer):
     Lipman et al. (2023); Esser et al. (2024), §2. σ is the diffusion time shifted as in the model's scheduler.
     """
 
-    autoencoder_class: ClassVar[str] = "AutoencoderKLWan"
-    transformer_class: ClassVar[str] = "WanTransformer3DModel"
+    vae_class: ClassVar[str] = "AutoencoderKLWan"
+    unet_class: ClassVar[str] = "WanTransformer3DModel"
     text_class: ClassVar[str] = "UMT5EncoderModel"
 
     model: str = "Wan-AI/Wan2.1-T2V-1.3B-Diffusers"
@@ -50,18 +49,15 @@ class Wan(ClipTransformer):
         """α = 1 − σ and σ = s t/(1 + (s − 1) t)."""
         return rectified_flow(t, self.shift())
 
-    @torch.no_grad()
-    def predict_noise(self, z_t: Tensor, t: Tensor, cond: Texts) -> Tensor:
-        """ε̂ = ε̂_neg + cfg (ε̂_pos − ε̂_neg), combined in float32; one call of the network on both texts."""
-        transformer = self.networks(z_t.device).unet
-        dtype = getattr(torch, self.dtype)
-        alpha, sigma = (a.to(z_t) for a in self.schedule(t))
-        text = torch.cat([cond.negative, cond.positive]).to(z_t.device, dtype)
-        v = transformer(
-            hidden_states=torch.cat([z_t, z_t]).to(dtype),
-            timestep=torch.cat([sigma, sigma]) * 1000.0,  # the network's clock, in training steps
-            encoder_hidden_states=text,
-            return_dict=False,
-        )[0].float()
-        negative, positive = (z_t + alpha.view(-1, 1, 1, 1, 1) * o for o in v.chunk(2))
-        return negative + self.cfg * (positive - negative)
+    def rows(self, z_t: Tensor, t: Tensor, text: Tensor, labels: Tensor | None) -> dict[str, Tensor]:
+        """Latents, σ on the network's clock of a thousand steps, text."""
+        return {"hidden_states": z_t, "timestep": 1000 * self.schedule(t)[1], "encoder_hidden_states": text}
+
+    def epsilon(self, output: Tensor, z_t: Tensor, t: Tensor) -> Tensor:
+        """ε̂ = z_σ + (1 − σ) v̂."""
+        return z_t + self.schedule(t)[0].to(z_t).view(-1, 1, 1, 1, 1) * output
+
+    def latents(self, count: int) -> tuple[int, ...]:
+        """(1, 16, (T + 3)/4, size/8, size/8)."""
+        side = self.size // 8
+        return (1, self.settings("vae")["z_dim"], (count + 3) // 4, side, side)
