@@ -1,5 +1,6 @@
 """Wan and CogVideoX on tiny checkpoints of the very classes they load, against the pipelines of diffusers."""
 
+import dataclasses
 import gc
 import sys
 import weakref
@@ -210,7 +211,7 @@ the last."""
 @pytest.mark.parametrize("name", FULL)
 def test_the_published_size_is_counted_and_measured_without_its_weights(name, tmp_path, monkeypatch):
     """The real configurations on the meta device: parameters as published (1.42 and 1.69 billion, text 5.68 and 4.76),
-    weights in bfloat16 two bytes each; a clip of 17 frames fits in less memory than one of 33."""
+    weights in bfloat16 two bytes each; a clip of 17 frames fits in less memory than one of 33. The page's table."""
     import diffusers
     import transformers
 
@@ -225,6 +226,11 @@ def test_the_published_size_is_counted_and_measured_without_its_weights(name, tm
         }
     settings = kind.settings
     monkeypatch.setattr(kind, "settings", lambda self, part: dict(configs.get(part) or settings(self, part)))
+    page = (Path(__file__).parents[2] / "docs/guidance.md").read_text(encoding="utf-8")
+    need = kind(model=str(tmp_path)).footprint(17)
+    lean = dataclasses.replace(need, offload=True)
+    numbers = (need.unet + need.vae, need.denoising, need.encoding, need.peak, lean.peak)
+    assert "256 px | 17 | " + " | ".join(f"{n / 1e9:.2f}" for n in numbers) + " |" in page
     prior = kind(model=str(tmp_path), size=64)
     found, longer = prior.footprint(17), prior.footprint(33)
     assert 2 * count <= found.unet < 2.05 * count  # and buffers: CogVideoX has a table of positions, 2 % of it

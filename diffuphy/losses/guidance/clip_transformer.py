@@ -84,6 +84,11 @@ class ClipTransformer(LatentDiffusion):
         """Hidden states as the model was trained with them, shape (n, text_length, D)."""
         raise NotImplementedError
 
+    # ------------------------------------------------------------------ noise
+    def rows(self, z_t: Tensor, time: Tensor, text: Tensor, labels: Tensor | None) -> dict[str, Tensor]:
+        """What the transformer is given, a row for each sample and text."""
+        return {"hidden_states": z_t, "timestep": time, "encoder_hidden_states": text}
+
     # ------------------------------------------------------------------ latents
     def encode(self, sample: Tensor) -> Tensor:
         """Latents of a clip (1, 4 k + 1, H, W, 3) in [0, 1], float32, differentiable.

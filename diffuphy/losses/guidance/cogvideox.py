@@ -7,7 +7,6 @@ import torch
 from torch import Tensor
 
 from diffuphy.losses.guidance.clip_transformer import ClipTransformer
-from diffuphy.losses.schedules import timestep
 
 
 @dataclass(frozen=True)
@@ -37,10 +36,6 @@ class CogVideoX(ClipTransformer):
             scheduler = self._load(CogVideoXDDIMScheduler.from_pretrained, "scheduler")
             self._memory["noise"] = (scheduler.alphas_cumprod.double(), scheduler.config.prediction_type)
         return self._memory["noise"]
-
-    def rows(self, z_t: Tensor, t: Tensor, text: Tensor, labels: Tensor | None) -> dict[str, Tensor]:
-        """Latents, step, text."""
-        return {"hidden_states": z_t, "timestep": timestep(t, len(self.noise()[0])), "encoder_hidden_states": text}
 
     def shared(self, denoiser: Any, z_t: Tensor) -> dict[str, Any]:
         """Rotary angles of the 5b models; the 2b one has none."""

@@ -243,13 +243,6 @@ class LatentDiffusion:
             return (1, channels, count, height, width)
         return (count, channels, height, width)
 
-    @torch.no_grad()
-    def decode_frames(self, z: Tensor) -> Tensor:
-        """Frames (n, H, W, 3) in [0, 1] of latents (n, C, h, w), one by one; what lies outside is cut off."""
-        with self.use("vae", z.device) as vae:
-            x = torch.cat([vae.decode(frame[None] / vae.config.scaling_factor).sample for frame in z])
-        return (x / 2 + 0.5).clamp(0, 1).permute(0, 2, 3, 1)
-
     # ------------------------------------------------------------------ noise
     def schedule(self, t: Tensor) -> tuple[Tensor, Tensor]:
         """α_t = √ᾱ_k, σ_t = √(1 − ᾱ_k) of the model's own scheduler, k = ⌊n t⌋."""
@@ -272,11 +265,11 @@ class LatentDiffusion:
 
     @torch.no_grad()
     def predict_parts(self, z_t: Tensor, t: Tensor, cond: Texts, parts: Sequence[Part]) -> tuple[Tensor, ...]:
-        """ε̂ for each of the named texts, in float32, in one call of the network (in several with ``chunk``)."""
+        """ε̂ for each of the named texts, in float32; one call, more with ``chunk``."""
         n, dtype = len(parts), getattr(torch, self.dtype)
         text = torch.cat([getattr(cond, part) for part in parts]).to(z_t.device, dtype)
         labels = None if cond.labels is None else torch.cat([cond.labels] * n).to(z_t.device, dtype)
-        rows = self.rows(torch.cat([z_t] * n).to(dtype), torch.cat([t] * n).to(z_t.device), text, labels)
+        rows = self.rows(torch.cat([z_t] * n).to(dtype), torch.cat([self.clock(t)] * n).to(z_t.device), text, labels)
         size = self.chunk or n * len(z_t)
         with self.use("unet", z_t.device) as unet:
             output = [
@@ -285,10 +278,13 @@ class LatentDiffusion:
             ]
         return tuple(self.epsilon(o, z_t, t) for o in torch.cat(output).chunk(n))
 
-    def rows(self, z_t: Tensor, t: Tensor, text: Tensor, labels: Tensor | None) -> dict[str, Tensor]:
+    def clock(self, t: Tensor) -> Tensor:
+        """Diffusion time as the denoiser counts it."""
+        return timestep(t, len(self.noise()[0]))
+
+    def rows(self, z_t: Tensor, time: Tensor, text: Tensor, labels: Tensor | None) -> dict[str, Tensor]:
         """What the denoiser is given, a row for each sample and text."""
-        k = timestep(t, len(self.noise()[0]))
-        known = {"sample": z_t, "timestep": k, "encoder_hidden_states": text}
+        known = {"sample": z_t, "timestep": time, "encoder_hidden_states": text}
         return known if labels is None else known | {"class_labels": labels}
 
     def shared(self, denoiser: Any, z_t: Tensor) -> dict[str, Any]:

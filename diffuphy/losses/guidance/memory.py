@@ -131,7 +131,7 @@ def footprint(prior: Any, count: int) -> Footprint:
         states = torch.empty(2 * len(z), length, text.config.hidden_size, dtype=dtype)
         width = unet.config.get("projection_class_embeddings_input_dim")
         labels = torch.empty(2 * len(z), width, dtype=dtype) if width else None
-        rows = prior.rows(torch.cat([z, z]).to(dtype), torch.full((2 * len(z),), 0.5), states, labels)
+        rows = prior.rows(torch.cat([z, z]).to(dtype), torch.zeros(2 * len(z)), states, labels)
         given = {k: v[: prior.chunk] for k, v in rows.items()} | prior.shared(unet, z)
         frame = torch.empty(prior.sight(count), requires_grad=True)
 

@@ -49,9 +49,9 @@ class Wan(ClipTransformer):
         """α = 1 − σ and σ = s t/(1 + (s − 1) t)."""
         return rectified_flow(t, self.shift())
 
-    def rows(self, z_t: Tensor, t: Tensor, text: Tensor, labels: Tensor | None) -> dict[str, Tensor]:
-        """Latents, σ on the network's clock of a thousand steps, text."""
-        return {"hidden_states": z_t, "timestep": 1000 * self.schedule(t)[1], "encoder_hidden_states": text}
+    def clock(self, t: Tensor) -> Tensor:
+        """1000 σ: the network counts training steps."""
+        return 1000 * self.schedule(t)[1]
 
     def epsilon(self, output: Tensor, z_t: Tensor, t: Tensor) -> Tensor:
         """ε̂ = z_σ + (1 − σ) v̂."""
