@@ -6,7 +6,7 @@ from functools import cached_property
 from torch import Tensor
 
 from diffuphy.metrics.encoder import Encoder, OpenClip
-from diffuphy.metrics.weights import missing_file, read
+from diffuphy.models import missing_file, read
 
 
 @dataclass(frozen=True)

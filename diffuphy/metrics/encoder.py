@@ -10,7 +10,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from diffuphy.metrics.weights import missing
+from diffuphy.models import missing
 
 FILES = ("open_clip_model.safetensors", "open_clip_pytorch_model.bin")
 """Weights as open_clip keeps them."""

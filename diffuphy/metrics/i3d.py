@@ -11,7 +11,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from diffuphy.metrics.weights import missing_file, read
+from diffuphy.models import missing_file, read
 
 MIXED: dict[str, tuple[int, ...]] = {
     "3b": (64, 96, 128, 16, 32, 32),

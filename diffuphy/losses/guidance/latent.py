@@ -2,7 +2,6 @@
 guidance."""
 
 import logging
-import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
@@ -13,11 +12,12 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import torch
 from torch import Tensor
 
-from diffuphy.losses.guidance import Layout, MissingWeights, Part
+from diffuphy.losses.guidance import Layout, Part
 from diffuphy.losses.guidance.memory import Footprint, footprint, gigabytes
 from diffuphy.losses.guidance.prediction import rescale, to_epsilon
 from diffuphy.losses.guidance.recompute import Recomputed
 from diffuphy.losses.schedules import timestep, variance_preserving
+from diffuphy.models import load_component, where
 
 log = logging.getLogger(__name__)
 LOADING = threading.RLock()
@@ -42,21 +42,6 @@ class Networks(NamedTuple):
 
     unet: Any
     vae: Any
-
-
-def load_component(load: Callable[..., Any], model: str, subfolder: str, backend: str, **options: Any) -> Any:
-    """``load(model, subfolder=..., ...)``, that is ``from_pretrained``; absence becomes one line that says what to
-    do."""
-    try:
-        return load(model, subfolder=subfolder, **options)
-    except (OSError, ValueError) as e:
-        if os.path.isdir(os.path.join(model, subfolder)):  # present but unreadable: the library's own words say more
-            raise
-        raise MissingWeights(
-            f"guidance={backend}: no weights of {model!r} ({subfolder}) on this machine; "
-            f"run `hf download {model}` where there is a network, or set guidance.model=/path/to/folder, "
-            f"or use guidance=analytic, which needs none ({type(e).__name__})"
-        ) from None
 
 
 @dataclass(frozen=True)
@@ -123,9 +108,7 @@ class LatentDiffusion:
 
     # ------------------------------------------------------------------ weights
     def _load(self, load: Callable[..., Any], subfolder: str, **options: Any) -> Any:
-        options |= {"local_files_only": self.local_files_only}
-        if self.revision is not None:
-            options["revision"] = self.revision
+        options |= where(self.revision, self.local_files_only)
         return load_component(load, self.model, subfolder, self.backend, **options)
 
     def settings(self, subfolder: str) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
+from diffuphy.models import absent, where
 from diffuphy.text2gs.refine.protocols import Unavailable
 
 Dtype = Literal["float32", "float16", "bfloat16"]
@@ -47,8 +48,7 @@ class Pretrained:
 
     def place(self) -> dict[str, Any]:
         """What every ``from_pretrained`` is told."""
-        revision = {} if self.revision is None else {"revision": self.revision}
-        return revision | {"local_files_only": self.local_files_only}
+        return where(self.revision, self.local_files_only)
 
     @contextmanager
     def loading(self) -> Iterator[None]:
@@ -63,8 +63,7 @@ class Pretrained:
         except (OSError, ValueError, ImportError) as e:
             said = " ".join(str(e).split())[:200]
             raise Unavailable(
-                f"no weights of {self.model!r} on this machine ({type(e).__name__}: {said}); run `hf download "
-                f"{self.model}` where there is a network, or set refine.{self.part}.model=/path/to/folder"
+                f"{absent(self.model, f'refine.{self.part}.model')} ({type(e).__name__}: {said})"
             ) from None
 
     @contextmanager
