@@ -93,3 +93,25 @@ def variance_preserving(t: Tensor, alpha_bar: Tensor) -> tuple[Tensor, Tensor]:
     """α_t = √ᾱ_k and σ_t = √(1 − ᾱ_k) at k = ⌊n t⌋, each of the shape, dtype and device of ``t``."""
     a = alpha_bar.to(t.device)[timestep(t, len(alpha_bar))]
     return a.sqrt().to(t.dtype), (1 - a).sqrt().to(t.dtype)
+
+
+@functools.lru_cache(maxsize=8)
+def cosine(n: int = 1024) -> Tensor:
+    """Cumulative signal power of a cosine schedule, shape (n,), float64.
+
+        f(s) = cos²((s + 0.008)/1.008 · π/2),   β_k = min(1 − f((k+1)/n)/f(k/n), 0.999),   ᾱ_k = Π_{j≤k} (1 − β_j)
+
+    Nichol & Dhariwal (2021), eq. 17.
+    """
+    s = torch.arange(n + 1, dtype=torch.float64) / n
+    f = torch.cos((s + 0.008) / 1.008 * math.pi / 2) ** 2
+    return torch.cumprod(1 - (1 - f[1:] / f[:-1]).clamp(max=0.999), 0)
+
+
+@functools.lru_cache(maxsize=8)
+def linear_betas(n: int = 1024) -> Tensor:
+    """ᾱ_k of β from 1e-4 to 2e-2 over 1000 steps, stretched to n: β_k = 1000/n (1e-4 + k/(n−1) (2e-2 − 1e-4)).
+
+    Ho et al. (2020), §4; shape (n,), float64.
+    """
+    return torch.cumprod(1 - torch.linspace(1e-4, 2e-2, n, dtype=torch.float64) * 1000 / n, 0)

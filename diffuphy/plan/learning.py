@@ -33,7 +33,9 @@ def loss_lines(components: Mapping[str, Any]) -> list[Line]:
 
 def model_lines(components: Mapping[str, Any]) -> list[Line]:
     """Weights that are loaded."""
-    backends = {type(components[s].guidance).__name__ for s in ("gaussians", "material")}
+    shape = getattr(components["gaussians"], "shape", None)
+    priors = [components[s].guidance for s in ("gaussians", "material")] + ([shape.guidance] if shape else [])
+    backends = {type(prior).__name__ for prior in priors}
     heavy = sorted(backends - {"Analytic"})
     if heavy:
         return [Line("diffusion models", ", ".join(heavy), "asked for by guidance; what they take is not predicted")]
