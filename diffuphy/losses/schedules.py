@@ -35,6 +35,22 @@ class Constant:
 
 
 @dataclass(frozen=True)
+class Step:
+    """``start`` until a step, ``end`` from it on."""
+
+    start: float
+    end: float
+    at: int | float
+    """Where it changes: a step (int) or a share of the run (float in (0, 1])."""
+
+    def __post_init__(self) -> None:
+        _check_steps(self.at)
+
+    def __call__(self, step: int, total: int) -> float:
+        return self.start if step < _span(self.at, total) else self.end
+
+
+@dataclass(frozen=True)
 class Linear:
     """From ``start`` to ``end`` on a straight line, then ``end``."""
 

@@ -16,8 +16,8 @@ import tiny_models
 
 from diffuphy.losses import sds
 from diffuphy.losses.guidance import MissingWeights
-from diffuphy.losses.guidance.latent import to_epsilon
 from diffuphy.losses.guidance.modelscope import ModelScope
+from diffuphy.losses.guidance.prediction import to_epsilon
 from diffuphy.losses.guidance.stable_diffusion import StableDiffusion
 from diffuphy.render import orbit
 from diffuphy.text2gs.cameras import Orbits

@@ -172,7 +172,7 @@ class Blind(Analytic):
 
 def test_a_fit_follows_the_shape():
     """Where pictures say nothing, a ball of points becomes the shell that the prior knows: what is left of the distance
-    after 300 steps of 3e-3, falling to a thirtieth (0.26 in all), for points 0.15 away on average, is less than half."""
+    after 300 steps of 3e-3, falling to a thirtieth (0.26 in all), for points 0.15 away on average, is below half."""
     settings = {"guidance": Blind(), "densify": None, "min_opacity": 1e-3, "isolation": 100.0}
     shape = ShapePrior(Shell(), weight=1.0, points=200, stop=1.0, t_max=0.1)
     before, after = (fit(n, **settings, shape=shape)(LOOK).means.norm(dim=1) for n in (1, 300))
