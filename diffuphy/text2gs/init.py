@@ -1,5 +1,6 @@
 """What the optimisation starts from. ``device`` is where a network works, if one is asked; the start is on the CPU."""
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -86,7 +87,10 @@ class CloudSampler(Protocol):
 
 @dataclass(frozen=True)
 class PointECloud:
-    """A cloud that a point prior draws for the words, or for pictures of the object: the start of DiffuPhyGS (§3.3)."""
+    """A cloud that a point prior draws for the words, or for pictures of the object: the start of DiffuPhyGS (§3.3).
+
+    It is drawn by a copy of the prior, which is freed with its networks.
+    """
 
     prior: CloudSampler
     """Who draws it: ``losses.guidance.point_e.PointE``. Its painter, if any, shows it the object from four sides."""
@@ -110,7 +114,8 @@ class PointECloud:
     def __call__(
         self, look: Look, guidance: Any, generator: torch.Generator, sh_degree: int = 0, *, device: Device = "cpu"
     ) -> Gaussians:
-        points, colours = (x.cpu() for x in self.prior.sample(look, four_sides(), generator, device))
+        prior = dataclasses.replace(self.prior) if dataclasses.is_dataclass(self.prior) else self.prior  # type: ignore[type-var]
+        points, colours = (x.cpu() for x in prior.sample(look, four_sides(), generator, device))
         low, high = points.aminmax(dim=0)
         points = (points - (low + high) / 2) * (self.length / (high - low).max())
         return cloud(points, colours if self.coloured else None, self.opacity, sh_degree)

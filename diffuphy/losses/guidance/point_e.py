@@ -19,6 +19,7 @@ from diffuphy.losses.guidance.point_transformer import (
     PATCHES,
     SCALES,
     STEPS,
+    Kind,
     PointTransformer,
 )
 from diffuphy.losses.schedules import cosine, linear_betas, timestep, variance_preserving
@@ -140,7 +141,7 @@ class PointE:
             self._memory[setting] = network
         return self._memory[setting].to(device)
 
-    def _features(self, words: Look | Motion, camera: Camera, kind: str, device: torch.device) -> Tensor | None:
+    def _features(self, words: Look | Motion, camera: Camera, kind: Kind, device: torch.device) -> Tensor | None:
         """Embeddings or patches, (V, ...); painted and embedded once for these words and cameras."""
         if kind == "none":
             return None
@@ -221,7 +222,12 @@ class PointE:
 
     @torch.no_grad()
     def sample(
-        self, words: Look, camera: Camera, generator: torch.Generator, device: torch.device | str = "cpu"
+        self,
+        words: Look,
+        camera: Camera,
+        generator: torch.Generator,
+        device: torch.device | str = "cpu",
+        view: int | None = None,
     ) -> tuple[Tensor, Tensor]:
         """Positions (n, 3), longest side about 2, facing +x, and rgb (n, 3) in [0, 1] of an object, as Point-E draws
         it: ``points`` of them, and ``added`` more if there is an upsampler.
@@ -231,14 +237,21 @@ class PointE:
         Args:
             camera: from where the painter paints; not looked at without one.
             generator: source of all noise.
+            view: look at this one alone.
         """
         device = torch.device(device)
         base = self.network(device)
-        views = self._features(words, camera, base.kind, device)
+        seen = slice(None) if view is None else slice(view, view + 1)
+
+        def features(kind: Kind) -> Tensor | None:
+            views = self._features(words, camera, kind, device)
+            return None if views is None else views[seen]
+
+        views = features(base.kind)
         z = self._solve(base, cosine(STEPS), views, self.points, 120.0, self.churn, generator)
         if self.upsampler:
             network = self._network("upsampler", self.upsampler, self.upsampler_sha256, device)
-            patches = None if self.painter is None else self._features(words, camera, network.kind, device)
+            patches = None if self.painter is None else features(network.kind)
             scales, biases = (z.new_tensor(v) for v in (SCALES, BIASES))
             coarse = (z - biases) / scales
             more = self._solve(network, linear_betas(STEPS), patches, self.added, 160.0, 0.0, generator, coarse)
