@@ -22,7 +22,7 @@ from diffuphy.workspace import Workspace
 def main(arguments: Sequence[str]) -> int:
     """Print the verdict."""
     with initialize_config_dir(str(conf_dir()), version_base="1.3"):
-        cfg = compose("train", overrides=["fit=point_e", *protect(list(arguments))])
+        cfg = compose("train", overrides=["fit=point_e", "guidance=mvdream", *protect(list(arguments))])
     words = instantiate(cfg.refine, _convert_="all")(work=Workspace()).look
     prior = instantiate(cfg.fit.shape.guidance, _convert_="all")
     verdict = canonical_frame(prior, words, torch.Generator().manual_seed(cfg.seed), device(cfg.device))

@@ -32,12 +32,23 @@ def loss_lines(components: Mapping[str, Any]) -> list[Line]:
 
 
 def model_lines(components: Mapping[str, Any]) -> list[Line]:
-    """Weights that are loaded."""
-    shape = getattr(components["gaussians"], "shape", None)
-    priors = [components[s].guidance for s in ("gaussians", "material")] + ([shape.guidance] if shape else [])
-    backends = {type(prior).__name__ for prior in priors}
-    heavy = sorted(backends - {"Analytic"})
-    if heavy:
-        return [Line("diffusion models", ", ".join(heavy), "asked for by guidance; what they take is not predicted")]
-    why = "guidance is the embedded prior, which needs none"
-    return [Line("diffusion models", "left out", why)]
+    """Weights that are loaded, and the memory that they and their work take."""
+    fit, material = components["gaussians"], components["material"]
+    asked = [(fit.guidance, getattr(fit, "views", 1), "pictures"), (material.guidance, material.probe.frames, "frames")]
+    if (shape := getattr(fit, "shape", None)) is not None:
+        asked.append((shape.guidance, shape.copies, "clouds"))
+    heavy = [a for a in asked if type(a[0]).__name__ != "Analytic"]
+    if not heavy:
+        return [Line("diffusion models", "left out", "guidance is the embedded prior, which needs none")]
+    return [_model_line(*a) for a in heavy]
+
+
+def _model_line(guidance: Any, count: int, what: str) -> Line:
+    name = type(guidance).__name__
+    if not hasattr(guidance, "footprint"):
+        return Line("diffusion model", name, "asked for by guidance; what it takes is not predicted")
+    try:
+        footprint = guidance.footprint(count)
+    except FileNotFoundError as missing:
+        return Line("diffusion model", name, str(missing))
+    return Line("diffusion model", name, f"{count} {what} at a time, {footprint}", megabytes=footprint.peak / 1e6)

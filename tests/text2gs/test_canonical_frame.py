@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 import torch
 
-ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1]))
 import tiny_models
 
 from diffuphy.text2gs.canonical_frame import canonical_frame, chamfer, turned
 from diffuphy.types import Look
 
+ROOT = Path(__file__).parents[2]
 LOOK = Look("corgi", "a corgi")
 
 
@@ -26,8 +26,10 @@ class Drawer:
     round: bool = False
 
     def sample(self, words, camera, generator, device="cpu", view=None):
-        body = torch.randn(300, 3, generator=generator) * torch.tensor([0.5, 0.5 if self.round else 0.2, 0.3])
-        head = 0.15 * torch.randn(100, 3, generator=generator) + torch.tensor([0.8, 0.1, 0.4])
+        body = (2 * torch.rand(300, 3, generator=generator) - 1) * torch.tensor([0.6, 0.6 if self.round else 0.2, 0.3])
+        if self.round:  # a barrel
+            body[:, :2] /= body[:, :2].norm(dim=1, keepdim=True)
+        head = 0.4 * torch.rand(100, 3, generator=generator) + torch.tensor([0.5, 0.0, 0.3])
         x = body if self.round else torch.cat([body, head])
         return turned(x, self.step * view), torch.rand(len(x), 3, generator=generator)
 
@@ -65,13 +67,11 @@ def test_the_command_asks_the_weights_it_is_given(tmp_path, capsys):
     tool = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(tool)
     guidance = "fit.shape.guidance"
-    status = tool.main(
-        [
-            "prompt=a corgi, sitting", "device=cpu", f"{guidance}.checkpoint={file}", f"{guidance}.clip={tmp_path}/clip",
-            f"{guidance}.painter.model={tmp_path}/mvdream", f"{guidance}.painter.dtype=float32",
-            f"+{guidance}.painter.size=32", f"+{guidance}.points=8", f"+{guidance}.steps=2",
-        ]
-    )  # fmt: skip
+    settings = {"checkpoint": file, "clip": tmp_path / "clip", "painter.model": tmp_path / "mvdream"}
+    settings |= {"painter.dtype": "float32"}
+    added = {"painter.size": 32, "points": 8, "steps": 2}
+    options = [f"{guidance}.{k}={v}" for k, v in settings.items()] + [f"+{guidance}.{k}={v}" for k, v in added.items()]
+    status = tool.main(["prompt=a corgi, sitting", "device=cpu", *options])
     said = capsys.readouterr().out
     assert status == (0 if "frame: object" in said else 1)
     assert all(word in said for word in ("corgi", "mean distance", "best turns", "°"))

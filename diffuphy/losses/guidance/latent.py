@@ -12,7 +12,8 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import torch
 from torch import Tensor
 
-from diffuphy.losses.guidance import Part
+from diffuphy.losses.guidance import Layout, Part
+from diffuphy.losses.guidance.memory import Footprint, footprint
 from diffuphy.losses.guidance.prediction import rescale, to_epsilon
 from diffuphy.losses.guidance.recompute import Recomputed
 from diffuphy.losses.schedules import timestep, variance_preserving
@@ -52,6 +53,8 @@ class LatentDiffusion:
 
     model: str = ""
     """Hub id, or a folder laid out the same way."""
+    size: int = 512
+    """Side the frames are resized to [px], a multiple of 8."""
     cfg: float = 100.0
     """Classifier-free guidance scale s in ε̂ = ε̂_neg + s (ε̂_pos − ε̂_neg); DreamFusion's 100 sharpens what small
     values blur."""
@@ -72,6 +75,7 @@ class LatentDiffusion:
     local_files_only: bool = field(default=False, metadata={"runtime": True})
     """Never ask the network, use what is on this machine."""
 
+    layout: ClassVar[Layout] = "image"
     unet_class: ClassVar[str] = "UNet2DConditionModel"
     together: ClassVar[int] = 1
     """Rows that the denoiser judges as one sample."""
@@ -79,6 +83,8 @@ class LatentDiffusion:
     def __post_init__(self) -> None:
         if not self.model:
             raise ValueError(f"{type(self).__name__}.model is empty; give a hub id or a folder")
+        if self.size < 8 or self.size % 8:
+            raise ValueError(f"size must be a positive multiple of 8 px, got {self.size}")
         if self.cfg < 0 or not 0 <= self.rescale <= 1:
             raise ValueError(
                 f"cfg must not be negative and rescale in [0, 1], got cfg = {self.cfg} and rescale = {self.rescale}"
@@ -126,6 +132,7 @@ class LatentDiffusion:
             if "networks" not in self._memory:
                 import diffusers
 
+                log.info("%s: %s", self.backend, self.footprint(self.together))
                 unet = self.load_unet()
                 vae = self._load(diffusers.AutoencoderKL.from_pretrained, "vae", dtype=torch.float32)
                 self._memory["networks"] = Networks(*(module.eval().requires_grad_(False) for module in (unet, vae)))
@@ -133,6 +140,21 @@ class LatentDiffusion:
             for module in self._memory["networks"]:
                 module.to(device)  # costs nothing when it is there already
         return self._memory["networks"]
+
+    def skeleton(self, part: str) -> Any:
+        """The network of one part without weights, on the default device ("meta" included)."""
+        import diffusers
+        import transformers
+
+        if part == "text_encoder":
+            return transformers.CLIPTextModel(transformers.CLIPTextConfig.from_dict(self.settings(part)))
+        return getattr(diffusers, self.unet_class if part == "unet" else "AutoencoderKL").from_config(
+            self.settings(part)
+        )
+
+    def footprint(self, count: int) -> Footprint:
+        """Memory that it takes to judge ``count`` pictures, or a clip of ``count`` frames; reads no weights."""
+        return footprint(self, count)
 
     def load_unet(self) -> Any:
         """The denoiser, in ``dtype``."""

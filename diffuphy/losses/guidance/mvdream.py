@@ -54,10 +54,10 @@ class MVDream(LatentDiffusion):
     suffix: str = ", 3d asset"
     """Appended to the words: what the captions of the 3D models it was trained on ended with."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.size < 8 or self.size % 8:
-            raise ValueError(f"size must be a positive multiple of 8 px, got {self.size}")
+    def skeleton(self, part: str) -> Any:
+        from diffuphy.losses.guidance import mvdream_unet
+
+        return mvdream_unet.build(self.settings(part), VIEWS) if part == "unet" else super().skeleton(part)
 
     def load_unet(self) -> Any:
         from diffuphy.losses.guidance import mvdream_unet
