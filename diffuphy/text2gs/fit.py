@@ -108,6 +108,8 @@ class FitGaussians:
         work = work or Workspace()
         run = _Run.restored(work.load(), work.device) or _Run.started(self, look, work.device)
         bank = self.cameras().to(work.device)
+        if self.shape is not None and self.shape.acts(run.step, self.steps):
+            self.shape.prepare(look, work.device)
         bar = work.bar(self.steps, "gaussians", initial=run.step)
 
         while run.step < self.steps:

@@ -1,7 +1,7 @@
 """Where the Gaussians are, judged by a prior of shapes: the second term of DiffuPhyGS, eq. 2."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -86,6 +86,13 @@ class ShapePrior:
         """Whether step ``step`` (counted from 0) of ``total`` has the term."""
         return step < (self.stop if isinstance(self.stop, int) else self.stop * total)
 
+    def prepare(self, look: Look, device: torch.device | str) -> None:
+        """Let the prior paint and read what it will look at, before the networks of the pictures fill the memory."""
+        self._condition(look, torch.device(device), torch.Generator())
+
+    def _condition(self, look: Look, device: torch.device, generator: torch.Generator) -> Any:
+        return self.guidance.condition(look, four_sides(), torch.ones(3, device=device), generator=generator)
+
     def loss(self, gaussians: Gaussians, look: Look, generator: torch.Generator) -> Tensor:
         """Scalar whose gradient is that of the term, λ included. All that is random comes from ``generator``."""
         x = gaussians.means
@@ -93,7 +100,7 @@ class ShapePrior:
         index = farthest_points(x.detach(), min(self.points, len(x)), start)
         rgb = 0.5 + C0 * gaussians.sh[:, 0]  # what does not depend on the view
         rgb = rgb if self.colours else rgb.detach()
-        cond = self.guidance.condition(look, four_sides(), torch.ones(3, device=x.device), generator=generator)
+        cond = self._condition(look, x.device, generator)
         t = self.t_min + (self.t_max - self.t_min) * torch.rand(
             self.copies, generator=generator, device=generator.device
         )

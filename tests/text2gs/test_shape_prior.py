@@ -193,6 +193,26 @@ def test_densification_looks_at_the_pictures_gradient_alone():
     assert torch.equal(*seen)
 
 
+def test_it_is_ready_before_the_pictures_are_judged():
+    """What it looks at is painted before the other prior's networks fill the memory, and no random number of the run
+    is drawn for that."""
+    asked = []
+
+    class Seen(Shell):
+        def condition(self, words, camera, background, *, generator=None):
+            asked.append("shape")
+            return super().condition(words, camera, background, generator=generator)
+
+    class Judging(Analytic):
+        def condition(self, words, camera, background, *, generator=None):
+            asked.append("pictures")
+            return super().condition(words, camera, background, generator=generator)
+
+    made = fit(2, guidance=Judging(BeachBall(), s=0.05), shape=ShapePrior(Seen(), points=64, stop=1))(LOOK)
+    assert asked == ["shape", "pictures", "shape", "pictures"]
+    assert same(made, fit(2, shape=ShapePrior(Shell(), points=64, stop=1))(LOOK))
+
+
 def test_without_it_nothing_changes():
     """shape=None draws no random number: the bits of a fit that never heard of it."""
     assert same(fit(8, shape=None)(LOOK), FitGaussians(

@@ -131,7 +131,7 @@ class PointE:
 
     def _network(self, setting: str, source: str, sha256: str, device: torch.device) -> PointTransformer:
         if setting not in self._memory:
-            path = file(source, sha256, f"shape.guidance.{setting}", local=self.local_files_only)
+            path = file(source, sha256, f"fit.shape.guidance.{setting}", local=self.local_files_only)
             network = PointTransformer.of(read(str(path))).to(getattr(torch, self.dtype))
             if network.upsampler != (setting == "upsampler"):
                 raise ValueError(
@@ -149,8 +149,8 @@ class PointE:
         if self.painter is None:
             if kind == "grid":
                 raise ValueError(
-                    "this checkpoint of Point-E looks at pictures and there is no painter; set shape.guidance.painter, "
-                    "or use base_40m_textvec.pt, which reads the text"
+                    "this checkpoint of Point-E looks at pictures and nobody paints any; set "
+                    "fit.shape.guidance.painter, or use base_40m_textvec.pt, which reads the text"
                 )
             key: Any = (words.text,)
             if key not in self._memory:
