@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
 from diffuphy.losses.schedules import timestep, variance_preserving
-from diffuphy.models import load_component, where
+from diffuphy.models import choose, load_component, where
 
 
 class Texts(NamedTuple):
@@ -57,7 +57,7 @@ class LatentDiffusion:
     """
 
     model: str = ""
-    """Hub id, or a folder laid out the same way."""
+    """Hub id, or a folder laid out the same way; ``auto`` is the first known one that is on this machine."""
     cfg: float = 100.0
     """Classifier-free guidance scale s in ε̂ = ε̂_neg + s (ε̂_pos − ε̂_neg); DreamFusion's 100 sharpens what small
     values blur."""
@@ -73,6 +73,7 @@ class LatentDiffusion:
     unet_class = "UNet2DConditionModel"
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "model", choose(self.model, type(self).model))
         if not self.model:
             raise ValueError(f"{type(self).__name__}.model is empty; give a hub id or a folder")
         if self.cfg < 0:
