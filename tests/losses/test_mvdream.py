@@ -12,7 +12,6 @@ pytest.importorskip("diffusers")
 pytest.importorskip("transformers")
 sys.path.insert(0, str(Path(__file__).parents[1]))
 import mvdream_reference
-import tiny_models
 
 from diffuphy.losses import sds
 from diffuphy.losses.guidance import MissingWeights, mvdream_unet
@@ -24,9 +23,9 @@ LOOK = Look("burger", "a burger", negative="ugly")
 WHITE = torch.ones(3)
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tiny_models.mvdream(tmp_path_factory.mktemp("models") / "mvdream")
+@pytest.fixture
+def folder(checkpoints):
+    return checkpoints / "mvdream"
 
 
 def prior(folder, **settings):

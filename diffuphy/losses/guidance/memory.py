@@ -144,7 +144,7 @@ def footprint(prior: Any, count: int) -> Footprint:
             z = vae.encode(frame).latent_dist.mode()
             torch.autograd.grad(z, frame, torch.empty_like(z))
 
-        with _Lean():
+        with _Lean(), torch.enable_grad():
             with torch.no_grad():
                 denoising = peak_bytes(lambda: unet(**given), [*given.values(), *unet.parameters()])
             encoding = peak_bytes(encode, [frame, *vae.parameters()])
