@@ -48,8 +48,7 @@ def test_faithful_is_what_the_paper_says():
 
 
 def test_faithful_starts_from_4096_points():
-    made = components("experiment=faithful", "fit.shape.guidance.upsampler=upsample_40m.pt")
-    assert made["gaussians"].init.count == 4096
+    assert components("experiment=faithful")["gaussians"].init.count == 4096
 
 
 def test_multiview_needs_one_model_and_draws_rings_of_four():
@@ -134,8 +133,10 @@ def test_point_e_reads_the_text_alone(tmp_path, models):
     assert len(made) > 24 and "weight 0.1, before step 2" in lines["shape prior"]["why"]
 
 
-def test_a_checkpoint_that_is_not_named_is_one_line(tmp_path, models, capsys):
+def test_a_checkpoint_that_is_not_there_is_one_line(tmp_path, models, capsys):
+    """Its name, how to fetch it, the setting for another; no network is asked (``HF_HUB_OFFLINE``)."""
     arguments = ["prompt=a corgi falling", "device=cpu", f"store={tmp_path}", "until=gaussians", "fit=point_e_text"]
     status = cli.main([*arguments, "guidance=stable_diffusion", f"guidance.model={models / 'sd'}"])
     said = capsys.readouterr().err.strip().splitlines()[-1]
     assert status == 2 and said.startswith("error: ") and "fit.shape.guidance.checkpoint=" in said
+    assert "base_40m_textvec.pt" in said and "MIT" in said

@@ -103,10 +103,8 @@ def shape(components: Mapping[str, Any], prompt: Prompt) -> tuple[float, tuple[f
         return BALL
     try:
         drawn = library.object(prompt.look)
-    except ValueError:
-        if library is libraries[0]:  # which is to draw it
-            raise
-        return BALL  # a prior that draws anything: nobody knows its shape yet
+    except ValueError:  # only a prior that reads text knows it, and not before it has made it
+        return BALL
     a = torch.linspace(-1.25, 1.25, LATTICE)
     points, cell = torch.cartesian_prod(a, a, a), float(a[1] - a[0])
     distance: Tensor = drawn.sdf(points)[0][:, None]

@@ -8,7 +8,9 @@ import threading
 import pytest
 
 from diffuphy.models import MissingWeights
-from diffuphy.models.fetch import cache, file, kept
+from diffuphy.models.cache import file_cache as cache
+from diffuphy.models.cache import kept
+from diffuphy.models.fetch import file
 
 BYTES = b"weights" * 1000
 SHA256 = hashlib.sha256(BYTES).hexdigest()

@@ -116,7 +116,10 @@ class LatentDiffusion:
         """``config.json`` of one part of the checkpoint; nothing else of it is read."""
         from diffusers import UNet2DConditionModel
 
-        return dict(self._load(UNet2DConditionModel.load_config, subfolder))
+        def load(model: str, **options: Any) -> Any:  # of any part: which files that has is not asked
+            return UNet2DConditionModel.load_config(model, **options)
+
+        return dict(self._load(load, subfolder))
 
     def noise(self) -> tuple[Tensor, str]:
         """ᾱ_k of the model's scheduler, shape (n,), float64, and what its network predicts."""

@@ -67,12 +67,12 @@ class PointE:
 
     layout: ClassVar[Layout] = "points"
 
-    checkpoint: str = ""
-    """Path or address of a published ``.pt`` file, or the same as safetensors."""
+    checkpoint: str = "base_40m_textvec.pt"
+    """A published file by name, path or address, or the same as safetensors."""
     sha256: str = ""
     """What that file must have; none is published, empty trusts it."""
     upsampler: str = ""
-    """Path or address of ``upsample_40m.pt``; empty samples coarse clouds."""
+    """``upsample_40m.pt`` likewise; empty samples coarse clouds."""
     upsampler_sha256: str = ""
     """What that file must have."""
     painter: Painter | None = None
