@@ -49,10 +49,11 @@ def test_one_word_replaces_the_embedded_prior(checkpoints, tmp_path, guidance, f
     found = gaussians(tmp_path)
     assert all(getattr(found, name).isfinite().all() for name in ("means", "quats", "log_scales", "sh"))
     (plan,) = tmp_path.glob("runs/*/plan.json")
-    lines = {line["what"]: line for line in json.loads(plan.read_text())["lines"]}
+    lines = {line["what"]: line for line in json.loads(plan.read_text())}
     line = lines["diffusion model"]
     views = 4 if guidance == "mvdream" else 1
-    assert re.match(rf"{views} pictures at a time, [\d.]+ MB at most: denoiser", line["why"]) and line["megabytes"] > 0
+    assert re.match(rf"{views} pictures at a time: denoiser [\d.]+ MB, ", line["why"]) and 1 < line["megabytes"] < 10
+    assert lines["score distillation"]["decision"] == estimator.upper()
 
 
 def test_a_prior_that_is_not_there_is_one_line(tmp_path, capfd):

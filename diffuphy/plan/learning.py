@@ -33,14 +33,15 @@ def loss_lines(components: Mapping[str, Any]) -> list[Line]:
 
 def model_lines(components: Mapping[str, Any]) -> list[Line]:
     """Weights that are loaded, and the memory that they and their work take."""
-    fit, material = components["gaussians"], components["material"]
-    asked = [(fit.guidance, getattr(fit, "views", 1), "pictures"), (material.guidance, material.probe.frames, "frames")]
-    if (shape := getattr(fit, "shape", None)) is not None:
-        asked.append((shape.guidance, shape.copies, "clouds"))
-    heavy = [a for a in asked if type(a[0]).__name__ != "Analytic"]
-    if not heavy:
-        return [Line("diffusion models", "left out", "guidance is the embedded prior, which needs none")]
-    return [_model_line(*a) for a in heavy]
+    pictures, clips = components["gaussians"], components["material"]
+    lines = []
+    if type(pictures.guidance).__name__ != "Analytic":
+        lines.append(_model_line(pictures.guidance, pictures.views, "pictures"))
+    if type(clips.guidance).__name__ != "Analytic":
+        lines.append(_model_line(clips.guidance, clips.probe.frames, "frames"))
+    if (shape := getattr(pictures, "shape", None)) is not None:
+        lines.append(_model_line(shape.guidance, shape.copies, "clouds"))
+    return lines or [Line("diffusion models", "left out", "guidance is the embedded prior, which needs none")]
 
 
 def _model_line(guidance: Any, count: int, what: str) -> Line:
@@ -51,4 +52,4 @@ def _model_line(guidance: Any, count: int, what: str) -> Line:
         footprint = guidance.footprint(count)
     except FileNotFoundError as missing:
         return Line("diffusion model", name, str(missing))
-    return Line("diffusion model", name, f"{count} {what} at a time, {footprint}", megabytes=footprint.peak / 1e6)
+    return Line("diffusion model", name, f"{count} {what} at a time: {footprint.parts}", megabytes=footprint.peak / 1e6)

@@ -1,5 +1,7 @@
 """What a diffusion model takes: told before it is loaded, kept small by chunks and offloading, lost in no format."""
 
+import dataclasses
+import json
 import sys
 from pathlib import Path
 
@@ -12,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import mvdream_reference
 
 from diffuphy.losses import sds
-from diffuphy.losses.guidance import memory, mvdream_unet
+from diffuphy.losses.guidance import memory
 from diffuphy.losses.guidance.latent import Texts
 from diffuphy.losses.guidance.modelscope import ModelScope
 from diffuphy.losses.guidance.mvdream import MVDream
@@ -96,41 +98,65 @@ def test_predicted_activations_are_what_the_allocator_gives(checkpoints, name):
         assert bytes_ == pytest.approx(allocated(run), rel=0.25)
 
 
-def test_full_sizes_are_the_published_ones():
-    """Millions of parameters: Stable Diffusion 1.5 (UNet 859.5, autoencoder 83.7), 2.1 (865.9), MVDream (867.6),
-    ModelScope (1411)."""
-    from diffusers import AutoencoderKL, UNet2DConditionModel, UNet3DConditionModel
+SD1 = {"cross_attention_dim": 768, "attention_head_dim": 8}
+SD2 = {"cross_attention_dim": 1024, "attention_head_dim": [5, 10, 20, 20], "use_linear_projection": True}
+VIDEO = {"cross_attention_dim": 1024, "attention_head_dim": 64}
+VAE = {
+    "block_out_channels": [128, 256, 512, 512],
+    "down_block_types": ["DownEncoderBlock2D"] * 4,
+    "up_block_types": ["UpDecoderBlock2D"] * 4,
+    "layers_per_block": 2,
+}
+TEXT1 = {"hidden_size": 768, "intermediate_size": 3072, "num_hidden_layers": 12, "num_attention_heads": 12}
+TEXT2 = {"hidden_size": 1024, "intermediate_size": 4096, "num_hidden_layers": 23, "num_attention_heads": 16}
+"""Settings of the published models: Stable Diffusion 1.5 and 2.1, ModelScope, their autoencoder and text encoders."""
 
-    second = {"attention_head_dim": [5, 10, 20, 20], "cross_attention_dim": 1024, "use_linear_projection": True}
+
+def full(folder, unet, text):
+    """A folder with the config.json files of a published model, and nothing else."""
+    from diffusers import AutoencoderKL, UNet2DConditionModel, UNet3DConditionModel
+    from transformers import CLIPTextConfig
+
+    if unet is mvdream_reference.FULL:
+        (folder / "unet").mkdir(parents=True)
+        (folder / "unet/config.json").write_text(json.dumps(unet))
     with torch.device("meta"):
-        networks = {
-            859.5: UNet2DConditionModel(cross_attention_dim=768, attention_head_dim=8),
-            865.9: UNet2DConditionModel(**second),
-            867.6: mvdream_unet.build(mvdream_reference.FULL, 4),
-            1411.2: UNet3DConditionModel(cross_attention_dim=1024, attention_head_dim=64),
-            83.7: AutoencoderKL(
-                block_out_channels=[128, 256, 512, 512],
-                down_block_types=["DownEncoderBlock2D"] * 4,
-                up_block_types=["UpDecoderBlock2D"] * 4,
-                layers_per_block=2,
-            ),
-        }
-    for millions, network in networks.items():
-        assert memory.weight_bytes(network.half()) / 2e6 == pytest.approx(millions, abs=0.06), type(network).__name__
+        if unet is not mvdream_reference.FULL:
+            (UNet3DConditionModel if unet is VIDEO else UNet2DConditionModel)(**unet).save_config(folder / "unet")
+        AutoencoderKL(**VAE).save_config(folder / "vae")
+    CLIPTextConfig(**text).save_pretrained(folder / "text_encoder")
+    return str(folder)
+
+
+def test_full_sizes_are_the_published_ones_and_the_pages(tmp_path):
+    """Millions of parameters of the denoiser: 859.5, 865.9, 867.6 and 1411; of the autoencoder 83.7, of the text
+    encoders 123 and 340. What they take is the table of docs/guidance.md."""
+    page = (Path(__file__).parents[2] / "docs/guidance.md").read_text(encoding="utf-8")
+    cases = [
+        ("Stable Diffusion 1.5", StableDiffusion, SD1, TEXT1, 512, 1, (859.5, 123.1)),
+        ("Stable Diffusion 1.5", StableDiffusion, SD1, TEXT1, 512, 4, (859.5, 123.1)),
+        ("Stable Diffusion 2.1", StableDiffusion, SD2, TEXT2, 512, 1, (865.9, 340.4)),
+        ("MVDream", MVDream, mvdream_reference.FULL, TEXT2, 256, 4, (867.6, 340.4)),
+        ("ModelScope", ModelScope, VIDEO, TEXT2, 256, 16, (1411.2, 340.4)),
+    ]
+    for k, (name, backend, unet, text, size, count, millions) in enumerate(cases):
+        model = full(tmp_path / str(k), unet, text)
+        need = backend(model=model, size=size, local_files_only=True).footprint(count)
+        assert (round(need.unet / 2e6, 1), round(need.text / 2e6, 1)) == millions, name
+        assert round(need.vae / 4e6, 1) == 83.7
+        lean = dataclasses.replace(need, offload=True)
+        numbers = (need.unet + need.vae, need.denoising, need.encoding, need.peak, lean.peak)
+        row = f"| {name} | {size} px | {count} | " + " | ".join(f"{n / 1e9:.2f}" for n in numbers) + " |"
+        assert row in page, row
 
 
 def test_encoder_of_stable_diffusion_keeps_what_was_measured():
-    """0.37 GiB of float16 activations for 256 px and 1.47 for 512 px: without the weights, four times as much for twice
-    the side."""
+    """0.37 GiB of float16 activations for 256 px and 1.47 for 512 px, twice that in float32: four times as much for
+    twice the side."""
     from diffusers import AutoencoderKL
 
     with torch.device("meta"):
-        vae = AutoencoderKL(
-            block_out_channels=[128, 256, 512, 512],
-            down_block_types=["DownEncoderBlock2D"] * 4,
-            up_block_types=["UpDecoderBlock2D"] * 4,
-            layers_per_block=2,
-        ).requires_grad_(False)
+        vae = AutoencoderKL(**VAE).requires_grad_(False)
         for side, gibibytes in ((256, 0.37), (512, 1.47)):
             x = torch.empty(1, 3, side, side, requires_grad=True)
             with memory._Lean():

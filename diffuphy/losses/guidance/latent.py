@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from diffuphy.losses.guidance import Layout, Part
-from diffuphy.losses.guidance.memory import Footprint, footprint
+from diffuphy.losses.guidance.memory import Footprint, footprint, gigabytes
 from diffuphy.losses.guidance.prediction import rescale, to_epsilon
 from diffuphy.losses.guidance.recompute import Recomputed
 from diffuphy.losses.schedules import timestep, variance_preserving
@@ -136,7 +136,8 @@ class LatentDiffusion:
             if "networks" not in self._memory:
                 import diffusers
 
-                log.info("%s: %s", self.backend, self.footprint(self.together))
+                need = self.footprint(self.together)
+                log.info("%s: at most %s on the device: %s", self.backend, gigabytes(need.peak), need.parts)
                 unet = self.load_unet()
                 vae = self._load(diffusers.AutoencoderKL.from_pretrained, "vae", dtype=torch.float32)
                 self._memory["networks"] = Networks(*(module.eval().requires_grad_(False) for module in (unet, vae)))

@@ -41,10 +41,12 @@ class Footprint:
         both = max(steps) if self.offload else self.unet + self.vae + max(self.denoising, self.encoding)
         return max(self.text, both)
 
-    def __str__(self) -> str:
+    @property
+    def parts(self) -> str:
+        """Each part in words."""
         parts = {"denoiser": self.unet, "autoencoder": self.vae, "text encoder, first": self.text,
                  "denoising": self.denoising, "encoding": self.encoding}  # fmt: skip
-        return f"{gigabytes(self.peak)} at most: " + ", ".join(f"{k} {gigabytes(v)}" for k, v in parts.items())
+        return ", ".join(f"{name} {gigabytes(size)}" for name, size in parts.items())
 
 
 def gigabytes(n: int) -> str:
