@@ -13,7 +13,7 @@ from diffuphy.doctor.machine import Machine
 from diffuphy.doctor.needs import Need, choices, need
 from diffuphy.doctor.reach import reach
 from diffuphy.doctor.report import Report
-from diffuphy.models import Model, place, registry
+from diffuphy.models import Model, place, roles
 from diffuphy.models.cache import kept
 
 
@@ -36,7 +36,7 @@ def examine(*, ask: bool, timeout: float = 3.0, verify: bool = False) -> Report:
         timeout: of each question [s].
         verify: hash the files that are here.
     """
-    models = tuple(m for known in registry().values() for m in known)
+    models = tuple(m for known in roles().values() for m in known)
     missing = {m.id: m.missing() for m in models}
     return Report(
         machine=Machine.this(),
@@ -54,14 +54,14 @@ def needs() -> Iterator[Need]:
     from hydra.errors import InstantiationException
     from omegaconf import OmegaConf
 
-    for choice in choices(conf_dir()):
-        with initialize_config_dir(str(conf_dir()), version_base="1.3"):
-            cfg = compose("train", overrides=["prompt=a rubber burger falling", *([choice] if choice else [])])
-        settings: Any = OmegaConf.to_container(cfg, resolve=True)
-        try:
-            yield need(choice, make(settings["stages"]))
-        except InstantiationException as e:
-            yield Need(choice, (), (), None, asks=str(e.__cause__ or e))
+    with initialize_config_dir(str(conf_dir()), version_base="1.3"):
+        for choice in choices(conf_dir()):
+            cfg = compose("train", overrides=["prompt=a rubber burger falling", *filter(None, [choice])])
+            settings: Any = OmegaConf.to_container(cfg, resolve=True)
+            try:
+                yield need(choice, make(settings["stages"]))
+            except InstantiationException as e:
+                yield Need(choice, (), (), None, asks=str(e.__cause__ or e))
 
 
 def broken(model: Model) -> Iterator[str]:
@@ -86,9 +86,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         Exit status: 0, or 1 if something that is required is not here.
     """
     options = parser().parse_args(argv)
-    names = {name for role, models in registry().items() for name in (role, *(m.id for m in models))}
+    names = {name for role, models in roles().items() for name in (role, *(m.id for m in models))}
     if unknown := set(options.require) - names:
-        parser().error(f"--require: {', '.join(sorted(unknown))} is no role; roles are {', '.join(registry())}")
+        parser().error(f"--require: {', '.join(sorted(unknown))} is no role; roles are {', '.join(roles())}")
     report = examine(ask=not options.offline, timeout=options.timeout, verify=options.verify)
     print(json.dumps(report.asdict(), indent=1) if options.json else report)
     absent = [name for name in options.require if not report.present(name)]

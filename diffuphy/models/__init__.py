@@ -1,7 +1,7 @@
 """Pretrained models: which are known, where their weights are, and how they are read."""
 
 from diffuphy.models.cache import hub_cache, offline, place
-from diffuphy.models.registry import Model, choose, known, registry
+from diffuphy.models.registry import Model, choose, known, roles
 from diffuphy.models.weights import (
     MissingWeights,
     Parts,
@@ -18,5 +18,5 @@ from diffuphy.models.weights import (
 
 __all__ = [
     "MissingWeights", "Model", "Parts", "absent", "choose", "command", "hub_cache", "known", "load_component",
-    "missing", "missing_file", "offline", "place", "read", "registry", "require", "verified", "where",
+    "missing", "missing_file", "offline", "place", "read", "require", "roles", "verified", "where",
 ]  # fmt: skip

@@ -94,7 +94,7 @@ class Model:
 
 
 @cache
-def registry() -> Mapping[str, tuple[Model, ...]]:
+def roles() -> Mapping[str, tuple[Model, ...]]:
     """All models by role, the preferred first.
 
     Raises:
@@ -125,17 +125,17 @@ def _model(role: str, setting: str, said: Mapping[str, Any]) -> Model:
 
 def known(model: str) -> Model | None:
     """What is known of an id; None of a folder or another id."""
-    return next((m for models in registry().values() for m in models if m.id == model), None)
+    return next((m for models in roles().values() for m in models if m.id == model), None)
 
 
 def for_backend(backend: str) -> tuple[Model, ...]:
     """Models that a choice of guidance reads, the preferred first."""
-    return tuple(m for models in registry().values() for m in models if m.backend == backend)
+    return tuple(m for models in roles().values() for m in models if m.backend == backend)
 
 
 def stand_ins(model: Model) -> list[Model]:
     """Others of the same role and backend that are on this machine, the preferred first."""
-    others = (m for m in registry()[model.role] if m.backend == model.backend and m.id != model.id)
+    others = (m for m in roles()[model.role] if m.backend == model.backend and m.id != model.id)
     return [m for m in others if not m.missing()]
 
 
@@ -153,5 +153,5 @@ def choose(model: str, default: str) -> str:
     entry = known(default)
     if entry is None:
         raise ValueError(f"model=auto: {default!r} is in no role of conf/models.yaml; name a hub id or a folder")
-    models = [m for m in registry()[entry.role] if m.backend == entry.backend]
+    models = [m for m in roles()[entry.role] if m.backend == entry.backend]
     return next((m for m in models if not m.missing()), models[0]).id

@@ -70,8 +70,8 @@ class Pretrained:
         except (OSError, ValueError, ImportError) as e:
             said = " ".join(str(e).split())[:200]
             raise Unavailable(
-                f"{self.model!r} cannot be loaded ({type(e).__name__}: {said}); run `{command(self.model, self.kinds)}` "
-                f"where there is a network, or set {setting}=/path/to/folder"
+                f"{self.model!r} cannot be loaded ({type(e).__name__}: {said}); run "
+                f"`{command(self.model, self.kinds)}` where there is a network, or set {setting}=/path/to/folder"
             ) from None
 
     @contextmanager
