@@ -18,11 +18,14 @@ from diffuphy.quoting import protect
 from diffuphy.text2gs.canonical_frame import canonical_frame
 from diffuphy.workspace import Workspace
 
+PRESET = ("fit=point_e", "guidance=mvdream", "fit.shape.guidance.upsampler=''")
+"""Any noun phrase, and clouds as the base network draws them."""
+
 
 def main(arguments: Sequence[str]) -> int:
     """Print the verdict."""
     with initialize_config_dir(str(conf_dir()), version_base="1.3"):
-        cfg = compose("train", overrides=["fit=point_e", "guidance=mvdream", *protect(list(arguments))])
+        cfg = compose("train", overrides=[*PRESET, *protect(list(arguments))])
     words = instantiate(cfg.refine, _convert_="all")(work=Workspace()).look
     prior = instantiate(cfg.fit.shape.guidance, _convert_="all")
     verdict = canonical_frame(prior, words, torch.Generator().manual_seed(cfg.seed), device(cfg.device))
