@@ -7,10 +7,30 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from diffuphy.models import load_component
+from diffuphy.models import MissingWeights, absent, place, require
+from diffuphy.models.files import kind_of
+
+SETTING = "fit.shape.guidance.clip"
+"""Where another CLIP is named."""
 
 MEAN, STD = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
 """Of the pictures that CLIP was trained on, red, green, blue (openai/CLIP, ``clip.py``)."""
+
+
+def loaded(cls: Any, model: str, revision: str | None = None, local_files_only: bool = False) -> Any:
+    """``cls.from_pretrained(model)``; absence is one line that says what to do.
+
+    Raises:
+        MissingWeights: it is not on this machine and cannot be fetched.
+    """
+    parts = {".": kind_of(cls.from_pretrained) or "transformers"}
+    require(model, parts, SETTING, revision=revision, local_files_only=local_files_only)
+    try:
+        return cls.from_pretrained(model, revision=revision, local_files_only=local_files_only)
+    except OSError:
+        if place(model, revision) is not None:  # present but unreadable: the library's own words say more
+            raise
+        raise MissingWeights(absent(model, SETTING, parts, revision)) from None
 
 
 def prepared(rgb: Tensor, side: int) -> Tensor:
@@ -38,8 +58,7 @@ def text_vectors(texts: Sequence[str], model: str, device: torch.device, **where
     """
     from transformers import CLIPModel, CLIPTokenizer
 
-    tokenizer = load_component(CLIPTokenizer.from_pretrained, model, "", "point_e", **where)
-    network = load_component(CLIPModel.from_pretrained, model, "", "point_e", **where).eval().to(device)
+    tokenizer, network = loaded(CLIPTokenizer, model, **where), loaded(CLIPModel, model, **where).eval().to(device)
     length = tokenizer.model_max_length
     words = tokenizer(list(texts), padding="max_length", max_length=length, truncation=True, return_tensors="pt")
     return F.normalize(network.get_text_features(words.input_ids.to(device)).pooler_output.float(), dim=-1)
@@ -51,7 +70,7 @@ def picture_features(rgb: Tensor, model: str, *, patches: bool, **where: Any) ->
     token, of pictures (n, S, S, 3) in [0, 1]."""
     from transformers import CLIPModel
 
-    network = load_component(CLIPModel.from_pretrained, model, "", "point_e", **where).eval().to(rgb.device)
+    network = loaded(CLIPModel, model, **where).eval().to(rgb.device)
     x = prepared(rgb, network.config.vision_config.image_size)
     if patches:
         return network.vision_model(x).last_hidden_state[:, 1:].float()

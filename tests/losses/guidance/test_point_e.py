@@ -135,10 +135,14 @@ def test_what_a_checkpoint_cannot_use_is_refused(folder):
 
 
 def test_missing_weights_say_in_one_line_what_to_do(folder, tmp_path):
-    for settings in ({"checkpoint": str(tmp_path / "no.pt")}, {"checkpoint": ""}, {"clip": str(tmp_path / "no")}):
+    for name, there in (
+        ("checkpoint", str(tmp_path / "no.pt")), ("checkpoint", ""), ("checkpoint", "base_300m.pt"),
+        ("clip", str(tmp_path / "no")), ("clip", "nobody/no-such-model"),
+    ):  # fmt: skip
         with pytest.raises(MissingWeights) as error:
-            replace(prior(folder), **settings).condition(LOOK, cameras(), WHITE)
-        assert "\n" not in str(error.value)
+            replace(prior(folder), **{name: there}).condition(LOOK, cameras(), WHITE)
+        message = str(error.value)
+        assert "\n" not in message and f"fit.shape.guidance.{name}=" in message and there in message
 
 
 @pytest.mark.parametrize(
