@@ -236,3 +236,16 @@ def read(path: str, sha256: str = "") -> dict[str, Any]:
     import torch
 
     return torch.load(file, map_location="cpu", weights_only=True)
+
+
+def shapes(file: Path) -> dict[str, Any]:
+    """Tensors of a checkpoint without their numbers, on the device "meta": names, shapes and kinds, one at a time."""
+    import torch
+
+    if file.suffix != ".safetensors":
+        check_tensors(file)
+        return torch.load(file, map_location="meta", weights_only=True)
+    from safetensors import safe_open
+
+    with safe_open(file, framework="pt") as f:
+        return {name: f.get_tensor(name).to("meta") for name in f.keys()}

@@ -111,6 +111,12 @@ def peak_bytes(run: Callable[[], Any], given: Any = ()) -> int:
     return alive.peak
 
 
+def forward_bytes(run: Callable[[], Any], given: Any = ()) -> int:
+    """The same of networks that are only asked, not differentiated."""
+    with _Lean(), torch.no_grad():
+        return peak_bytes(run, given)
+
+
 def footprint(prior: Any, count: int) -> Footprint:
     """Of a latent diffusion model that judges ``count`` pictures, or a clip of ``count`` frames, at a time.
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol
@@ -12,7 +11,8 @@ from torch import Tensor
 
 from diffuphy.losses.guidance import Layout
 from diffuphy.losses.guidance.clip_features import picture_features, text_vectors
-from diffuphy.losses.guidance.karras import heun, noise_levels
+from diffuphy.losses.guidance.memory import forward_bytes, gigabytes, weight_bytes
+from diffuphy.losses.guidance.point_sampler import draw
 from diffuphy.losses.guidance.point_transformer import (
     BIASES,
     CHANNELS,
@@ -25,6 +25,7 @@ from diffuphy.losses.guidance.point_transformer import (
 from diffuphy.losses.schedules import cosine, linear_betas, timestep, variance_preserving
 from diffuphy.models import read, where
 from diffuphy.models.fetch import file
+from diffuphy.models.weights import shapes
 from diffuphy.types import Camera, Look, Motion
 
 
@@ -49,6 +50,29 @@ class Features(NamedTuple):
         if self.views is None:
             return None
         return self.views[[self.order[b % len(self.order)] for b in range(count)]]
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """Memory of Point-E on the device [bytes]."""
+
+    network: int
+    """Weights of the base network, in its precision."""
+    working: int
+    """Most that is alive during one call of it, besides."""
+    painting: int
+    """What the painter takes, before the network works; 0 without one."""
+
+    @property
+    def peak(self) -> int:
+        """Most that is taken at any time."""
+        return max(self.painting, self.network + self.working)
+
+    @property
+    def parts(self) -> str:
+        """Each part in words."""
+        first = f"painting, first {gigabytes(self.painting)}, " if self.painting else ""
+        return f"{first}network {gigabytes(self.network)}, working {gigabytes(self.working)}"
 
 
 @dataclass(frozen=True)
@@ -170,6 +194,23 @@ class PointE:
         generator = torch.Generator().manual_seed(self.seed)
         return once.pictures(words, camera.to(device), generator).clamp(0, 1)
 
+    def footprint(self, count: int) -> "Footprint":
+        """Memory that it takes to judge ``count`` clouds; of the checkpoint only shapes are read.
+
+        Raises:
+            MissingWeights: a file is not here; nothing is fetched for this.
+        """
+        path = file(self.checkpoint, "", "fit.shape.guidance.checkpoint", local=True)
+        network = PointTransformer.of(shapes(path))._apply(lambda x: x.to(getattr(torch, self.dtype)))
+        length = {"none": (), "vector": (network.features,), "grid": (PATCHES, network.features)}[network.kind]
+        rows = count if network.kind == "none" else 2 * count
+        with torch.device("meta"):
+            x, t = torch.empty(rows, self.points, CHANNELS), torch.zeros(rows, dtype=torch.int64)
+            given = [x, t, torch.empty(rows, *length)] if length else [x, t]
+            working = forward_bytes(lambda: network(*given), [*given, *network.parameters()])
+        painter = getattr(self.painter, "footprint", None)
+        return Footprint(weight_bytes(network), working, 0 if painter is None else painter(4).peak)
+
     # ------------------------------------------------------------------ guidance
     def condition(
         self, words: Look | Motion, camera: Camera, background: Tensor, *, generator: torch.Generator | None = None
@@ -247,54 +288,14 @@ class PointE:
             views = self._features(words, camera, kind, device)
             return None if views is None else views[seen]
 
-        views = features(base.kind)
-        z = self._solve(base, cosine(STEPS), views, self.points, 120.0, self.churn, generator)
+        settings = {"steps": self.steps, "scale": self.sample_cfg, "generator": generator}
+        z = draw(base, cosine(STEPS), features(base.kind), self.points, 120.0, churn=self.churn, **settings)
         if self.upsampler:
             network = self._network("upsampler", self.upsampler, self.upsampler_sha256, device)
             patches = None if self.painter is None else features(network.kind)
             scales, biases = (z.new_tensor(v) for v in (SCALES, BIASES))
             coarse = (z - biases) / scales
-            more = self._solve(network, linear_betas(STEPS), patches, self.added, 160.0, 0.0, generator, coarse)
-            z = torch.cat([z, more])
+            z = torch.cat(
+                [z, draw(network, linear_betas(STEPS), patches, self.added, 160.0, coarse=coarse, **settings)]
+            )
         return z[:, :3] @ self._turn(z).T, ((z[:, 3:] + 1) / 2).clamp(0, 1)
-
-    def _solve(
-        self,
-        network: PointTransformer,
-        alpha_bar: Tensor,
-        views: Tensor | None,
-        count: int,
-        sigma_max: float,
-        churn: float,
-        generator: torch.Generator,
-        coarse: Tensor | None = None,
-    ) -> Tensor:
-        """z (count, 6) of one cloud; the highest noise and the churn of each network are Point-E's."""
-        device = network.input_proj.weight.device
-        denoise = self._denoiser(network, alpha_bar, views, coarse)
-        noise = torch.randn(count, CHANNELS, generator=generator, device=generator.device).to(device)
-        levels = noise_levels(self.steps, 1e-3, sigma_max)
-        return heun(denoise, sigma_max * noise, levels, churn=churn, generator=generator)
-
-    def _denoiser(
-        self, network: PointTransformer, alpha_bar: Tensor, views: Tensor | None, coarse: Tensor | None
-    ) -> Callable[[Tensor, float], Tensor]:
-        """D(x; σ) of a network trained at ᾱ_k: k is the last step with ᾱ_k ≥ 1/(1 + σ²), D_v = clip(x₀, −1, 1) with
-        x₀ = (z − √(1 − ᾱ_k) ε̂)/√ᾱ_k at z = x/√(1 + σ²)."""
-        condition = views
-        if views is None and network.kind == "grid":  # an upsampler that is told nothing: zeros, unguided
-            condition = torch.zeros(1, PATCHES, network.features, device=network.input_proj.weight.device)
-        elif views is not None:
-            condition = torch.cat([torch.zeros_like(views[:1]), views])
-
-        def denoise(x: Tensor, sigma: float) -> Tensor:
-            k = int((alpha_bar >= 1 / (1 + sigma**2)).sum().clamp(1, len(alpha_bar))) - 1
-            rows = 1 if condition is None else len(condition)
-            z = (x / math.sqrt(1 + sigma**2)).expand(rows, -1, -1)
-            low = None if coarse is None else coarse.expand(rows, -1, -1)
-            noise = network(z, torch.full((rows,), k, device=x.device), condition, low)[..., :CHANNELS].float()
-            a = alpha_bar[k].item()
-            clean = ((z - math.sqrt(1 - a) * noise) / math.sqrt(a)).clamp(-1, 1)
-            return clean[0] if rows == 1 else clean[0] + self.sample_cfg * (clean[1:].mean(0) - clean[0])
-
-        return denoise

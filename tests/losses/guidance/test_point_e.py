@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 import tiny_models
 
 from diffuphy.losses import sds
-from diffuphy.losses.guidance.point_e import Features, PointE
+from diffuphy.losses.guidance.point_e import Features, Footprint, PointE
 from diffuphy.losses.schedules import cosine, linear_betas
 from diffuphy.models import MissingWeights
 from diffuphy.render import orbit
@@ -49,7 +49,7 @@ def folder(tmp_path_factory):
 
 def prior(folder, kind="vector", **settings):
     defaults = {"clip": str(folder / "clip"), "local_files_only": True, "points": 12, "added": 20, "steps": 4}
-    return PointE(checkpoint=str(folder / f"{kind}.pt"), **{**defaults, **settings})
+    return PointE(**{"checkpoint": str(folder / f"{kind}.pt"), **defaults, **settings})
 
 
 def cameras():
@@ -151,6 +151,27 @@ def test_missing_weights_say_in_one_line_what_to_do(folder, tmp_path):
 def test_impossible_settings_are_refused(wrong):
     with pytest.raises(ValueError):
         PointE(**wrong)
+
+
+def test_memory_is_told_before_weights_are_read(folder):
+    """Weights: the bytes of the file's tensors, halved in half precision. Work: at least the widest layer of the
+    perceptron before and after its GELU, 2 · 4 width numbers of every token of both rows, and less than ten times that.
+    A painter adds what it takes itself, first."""
+    state = torch.load(folder / "grid.pt", weights_only=True)
+    size = sum(x.numel() * 4 for x in state.values())
+    told = prior(folder, "grid", painter=Painter(), points=100).footprint(1)
+    widest = 2 * 4 * 64 * 2 * (1 + 256 + 100) * 4
+    assert told.network == size and widest <= told.working < 10 * widest and told.painting == 0
+    half = prior(folder, "grid", painter=Painter(), points=100, dtype="float16").footprint(1)
+    assert half.network == size // 2 and half.working < told.working
+
+    class Large(Painter):
+        def footprint(self, count):
+            return Footprint(10 * size, 0, 0)
+
+    assert prior(folder, "grid", painter=Large()).footprint(1).peak == 10 * size
+    with pytest.raises(MissingWeights):
+        prior(folder, checkpoint="base_1b.pt").footprint(1)
 
 
 # ---------------------------------------------------------------------- latents and gradient
