@@ -43,6 +43,7 @@ MAY_IMPORT = {
     "explain": set(),
     "settings": set(),
     "cli": {"quoting", "explain", "settings", "artifact", "pipeline", "export", "judgement", "scorecard"},
+    "doctor": {"models", "compiling", "cli"},
     "__init__": set(),
     "__main__": {"cli"},
 }

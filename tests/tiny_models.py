@@ -192,6 +192,47 @@ def cogvideox(folder: Path, *, rotary: bool = False) -> Path:
     return folder
 
 
+def point_e(file: Path, *, kind: str = "vector", features: int = 24, upsampler: bool = False, width: int = 64) -> Path:
+    """Point-E with 0.1 M parameters, under the names of the published files; its last layer is not zero."""
+    from diffuphy.losses.guidance.point_transformer import PointTransformer
+
+    torch.manual_seed(6)
+    settings = {} if kind == "none" else {"kind": kind, "features": features}
+    network = PointTransformer(width, 2, width // 64, **settings, upsampler=upsampler)
+    torch.save(network.state_dict(), file)
+    return file
+
+
+def clip(folder: Path, *, side: int = 32, dim: int = 24) -> Path:
+    """CLIP in the layout of transformers: embeddings of length 24, 16 patches of length 32 of pictures of 32 px."""
+    from transformers import CLIPConfig, CLIPModel
+
+    words = tokenizer()
+    words.save_pretrained(folder)
+    text = {
+        "vocab_size": len(words),
+        "hidden_size": DIM,
+        "intermediate_size": 37,
+        "num_attention_heads": 4,
+        "num_hidden_layers": 2,
+        "max_position_embeddings": 77,
+        "bos_token_id": words.bos_token_id,
+        "eos_token_id": words.eos_token_id,
+        "pad_token_id": words.pad_token_id,
+    }
+    vision = {
+        "hidden_size": DIM,
+        "intermediate_size": 37,
+        "num_attention_heads": 4,
+        "num_hidden_layers": 2,
+        "image_size": side,
+        "patch_size": 8,
+    }
+    torch.manual_seed(7)
+    CLIPModel(CLIPConfig(text_config=text, vision_config=vision, projection_dim=dim)).save_pretrained(folder)
+    return folder
+
+
 def open_clip(folder: Path, *, width: int = 32, dim: int = 16) -> Path:
     """A CLIP of open_clip for 32 px: 1.6 M parameters, nearly all of them its vocabulary."""
     import json

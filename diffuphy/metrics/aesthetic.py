@@ -13,8 +13,9 @@ from diffuphy.models import missing_file, read
 class Aesthetic:
     """w·e + b with the unit vector e of a picture: about 1 to 10, 5 is ordinary."""
 
-    head: str = ""
-    """File of the head, ``sa_0_4_vit_l_14_linear.pth`` of LAION's aesthetic-predictor or the same as safetensors."""
+    head: str = "sa_0_4_vit_l_14_linear.pth"
+    """File of the head, of LAION's aesthetic-predictor or the same as safetensors: a path, or a name of
+    ``conf/models.yaml``."""
     sha256: str = ""
     """What the file must have; empty trusts it."""
     encoder: Encoder = field(

@@ -106,8 +106,8 @@ class InceptionI3d(nn.Module):
 class I3D:
     """Features of FVD as it is published: 400 logits of frames resized to 224 px."""
 
-    checkpoint: str = ""
-    """File ``i3d_pretrained_400.pt``, or the same as safetensors."""
+    checkpoint: str = "i3d_pretrained_400.pt"
+    """File of the weights, or the same as safetensors: a path, or a name of ``conf/models.yaml``."""
     sha256: str = ""
     """What the file must have; empty trusts it."""
     width: float = 1.0

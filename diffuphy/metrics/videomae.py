@@ -34,7 +34,7 @@ class VideoMAE:
             raise ValueError(f"batch must be at least 1, got {self.batch}")
 
     def missing(self) -> str | None:
-        return missing(self.model, ("model.safetensors", "pytorch_model.bin"), "evaluate.video.model")
+        return missing(self.model, {".": "transformers"}, "evaluate.video.model")
 
     @cached_property
     def _network(self) -> Any:

@@ -36,7 +36,8 @@ class Guidance(Protocol):
         ...
 
     def encode(self, sample: Tensor) -> Tensor:
-        """z of a sample in [0, 1], differentiable, float32: images (B, H, W, 3) or a clip (1, T, H, W, 3)."""
+        """z of a sample, differentiable, float32: images (B, H, W, 3) or a clip (1, T, H, W, 3) in [0, 1], or clouds
+        (B, N, 6) of positions in the object's frame and colours in [0, 1]."""
         ...
 
     def schedule(self, t: Tensor) -> tuple[Tensor, Tensor]:

@@ -17,7 +17,7 @@ from diffuphy.losses.guidance.memory import Footprint, footprint, gigabytes
 from diffuphy.losses.guidance.prediction import rescale, to_epsilon
 from diffuphy.losses.guidance.recompute import Recomputed
 from diffuphy.losses.schedules import timestep, variance_preserving
-from diffuphy.models import load_component, where
+from diffuphy.models import choose, load_component, where
 
 log = logging.getLogger(__name__)
 LOADING = threading.RLock()
@@ -52,7 +52,7 @@ class LatentDiffusion:
     """
 
     model: str = ""
-    """Hub id, or a folder laid out the same way."""
+    """Hub id, or a folder laid out the same way; ``auto`` is the first known one that is on this machine."""
     size: int = 512
     """Side the frames are resized to [px], a multiple of 8."""
     cfg: float = 100.0
@@ -86,6 +86,7 @@ class LatentDiffusion:
     """Rows that the denoiser judges as one sample."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "model", choose(self.model, type(self).model))
         if not self.model:
             raise ValueError(f"{type(self).__name__}.model is empty; give a hub id or a folder")
         if self.size < 8 or self.size % 8:
@@ -120,7 +121,10 @@ class LatentDiffusion:
         """``config.json`` of one part of the checkpoint; nothing else of it is read."""
         from diffusers import UNet2DConditionModel
 
-        return dict(self._load(UNet2DConditionModel.load_config, subfolder))
+        def load(model: str, **options: Any) -> Any:  # of any part: which files that has is not asked
+            return UNet2DConditionModel.load_config(model, **options)
+
+        return dict(self._load(load, subfolder))
 
     def noise(self) -> tuple[Tensor, str]:
         """ᾱ_k of the model's scheduler, shape (n,), float64, and what its network predicts."""

@@ -111,6 +111,12 @@ def peak_bytes(run: Callable[[], Any], given: Any = ()) -> int:
     return alive.peak
 
 
+def forward_bytes(run: Callable[[], Any], given: Any = ()) -> int:
+    """The same of networks that are only asked, not differentiated."""
+    with _Lean(), torch.no_grad():
+        return peak_bytes(run, given)
+
+
 def footprint(prior: Any, count: int) -> Footprint:
     """Of a latent diffusion model that judges ``count`` pictures, or a clip of ``count`` frames, at a time.
 
@@ -135,6 +141,7 @@ def footprint(prior: Any, count: int) -> Footprint:
         given = {k: v[: prior.chunk] for k, v in rows.items()} | prior.shared(unet, z)
         frame = torch.empty(prior.sight(count), requires_grad=True)
 
+        @torch.enable_grad()  # also asked for while nothing else is differentiated
         def encode() -> None:
             z = vae.encode(frame).latent_dist.mode()
             torch.autograd.grad(z, frame, torch.empty_like(z))

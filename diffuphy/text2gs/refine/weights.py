@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
-from diffuphy.models import absent, where
+from diffuphy.models import MissingWeights, Parts, choose, command, require, where
 from diffuphy.text2gs.refine.protocols import Unavailable
 
 Dtype = Literal["float32", "float16", "bfloat16"]
@@ -17,7 +17,7 @@ class Pretrained:
     """Base of what is loaded with ``from_pretrained``, on first use, and let go of by ``close``."""
 
     model: str = ""
-    """Hub id, or a folder laid out the same way."""
+    """Hub id, or a folder laid out the same way; ``auto`` is the first known one that is on this machine."""
     revision: str | None = None
     """Commit of the hub repository, for results that can be repeated."""
     dtype: Dtype = "float32"
@@ -27,8 +27,11 @@ class Pretrained:
 
     part = ""
     """Its name among the settings of ``refine``."""
+    kinds: ClassVar[Parts] = {".": "multimodal"}
+    """What is loaded of the repository."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "model", choose(self.model, type(self).model))
         if not self.model:
             raise ValueError(f"{type(self).__name__}.model is empty; give a hub id or a folder")
         if self.dtype not in ("float32", "float16", "bfloat16"):
@@ -57,13 +60,18 @@ class Pretrained:
         Raises:
             Unavailable: no weights, none that can be read, no package that reads them, no memory.
         """
+        setting = f"refine.{self.part}.model"
         try:
+            require(self.model, self.kinds, setting, **self.place())
             with self.running():
                 yield
+        except MissingWeights as e:
+            raise Unavailable(str(e)) from None
         except (OSError, ValueError, ImportError) as e:
             said = " ".join(str(e).split())[:200]
             raise Unavailable(
-                f"{absent(self.model, f'refine.{self.part}.model')} ({type(e).__name__}: {said})"
+                f"{self.model!r} cannot be loaded ({type(e).__name__}: {said}); run "
+                f"`{command(self.model, self.kinds)}` where there is a network, or set {setting}=/path/to/folder"
             ) from None
 
     @contextmanager
