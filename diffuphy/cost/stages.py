@@ -132,7 +132,7 @@ def material(components: Mapping[str, Any], motion: Motion, body: Body) -> Count
     work.append(times(fit.steps, {"train": 1.0, "train.flop": flops(fit.net, n, len(fit.elastic) + len(fit.plastic))}))
     states = drop.bytes(probe.frames, trained, wave) if fit.steps else 0.0
     shown = fit.takes.shown(probe.frames)
-    # one frame's graph at a time; of all frames the rows they are drawn from and their gradient, latents, noise and their gradient
+    # one frame's graph at a time; of all of them the rows they are drawn from, latents, noise, and gradients of these
     graph = 4 * (body.gaussians * (SKIN * probe.skin + SPLAT) + shown * (3 * ROW * n + 10 * probe.image**2))
     sizes = {"state": states, "graph": graph if fit.steps else 0.0}
     return Counted(add(*work, *scans), sizes, add(*scans), SCAN_THREADS)

@@ -48,7 +48,7 @@ def video_sds(
         ValueError: operands of unequal length or none; latents without the frame axis that the guidance declares;
             something wants a gradient that is no operand.
     """
-    return estimate(encoded(guidance), clip_latents(guidance, draw, operands), cond, t=t, **settings)
+    return estimate(_given_latents(guidance), clip_latents(guidance, draw, operands), cond, t=t, **settings)
 
 
 def clip_latents(guidance: Guidance, draw: Draw, operands: Sequence[Tensor]) -> Tensor:
@@ -79,8 +79,8 @@ def clip_latents(guidance: Guidance, draw: Draw, operands: Sequence[Tensor]) -> 
 class _FrameByFrame(torch.autograd.Function):
     """Stack of f(u_1), …, f(u_T) along an axis; what is kept for backward are the rows u alone.
 
-    Not ``torch.utils.checkpoint``, frame by frame: that lets go of the tensors a node *saves*, while the nodes stay, and
-    with them whatever they hold besides, as those of the rasteriser hold their lists of tiles.
+    Not ``torch.utils.checkpoint``, frame by frame: that lets go of the tensors that nodes *save*, while the nodes stay,
+    and with them whatever they hold besides, as those of the rasteriser hold their lists of tiles.
     """
 
     @staticmethod
@@ -103,14 +103,13 @@ class _FrameByFrame(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, cotangent: Tensor) -> tuple[Tensor | None, ...]:
         operands, wanted = ctx.saved_tensors, ctx.needs_input_grad[2:]
-        grads = [torch.empty_like(o) if w else None for o, w in zip(operands, wanted, strict=True)]
+        bars = [torch.empty_like(o) for o, w in zip(operands, wanted, strict=True) if w]
         for f, frame_bar in enumerate(cotangent.unbind(ctx.axis)):
             rows = [o[f].detach().requires_grad_(w) for o, w in zip(operands, wanted, strict=True)]
-            for grad, row_bar in zip(
-                (g for g in grads if g is not None), _pull(ctx.of_frame, rows, frame_bar), strict=True
-            ):
-                grad[f] = row_bar
-        return None, None, *grads
+            for bar, row_bar in zip(bars, _pull(ctx.of_frame, rows, frame_bar), strict=True):
+                bar[f] = row_bar
+        found = iter(bars)
+        return None, None, *(next(found) if w else None for w in wanted)
 
 
 def _pull(of_frame: Draw, rows: Sequence[Tensor], frame_bar: Tensor) -> tuple[Tensor, ...]:
@@ -133,6 +132,7 @@ class _Encoded:
         return getattr(self._guidance, name)
 
 
-def encoded(guidance: Guidance) -> Guidance:
-    """``guidance``, but given latents instead of pixels; named as it is, since errors name a prior by its type."""
-    return type(type(guidance).__name__, (_Encoded,), {})(guidance)
+def _given_latents(guidance: Guidance) -> Guidance:
+    """``guidance`` behind ``_Encoded``, by its own name, since errors name a prior by its type."""
+    given: Any = type(type(guidance).__name__, (_Encoded,), {})(guidance)
+    return given

@@ -1,5 +1,7 @@
 """Which frames, camera and background a step of video score distillation looks at."""
 
+import itertools
+
 import pytest
 import torch
 from hypothesis import given
@@ -27,7 +29,7 @@ def test_every_take_shows_frames_of_the_motion_in_order(frames, count, stride, t
     shown = takes(step, total, generator(step)).frames
     assert 1 <= len(shown) <= takes.shown(total) <= (total if frames == "all" else min(count, total))
     assert shown[0] >= 1 and shown[-1] <= total
-    steps = {b - a for a, b in zip(shown, shown[1:], strict=False)}
+    steps = {b - a for a, b in itertools.pairwise(shown)}
     assert steps <= {stride if frames == "strided" else 1}
 
 
@@ -68,7 +70,7 @@ def test_backgrounds():
     assert Takes()(0, 3, g).background is None
     assert Takes(background="white")(0, 3, g).background == (1.0, 1.0, 1.0)
     a, b = (Takes(background="random")(0, 3, g).background for _ in range(2))
-    assert a != b and all(0 <= c < 1 for c in a)
+    assert a is not None and a != b and all(0 <= c < 1 for c in a)
 
 
 def test_defaults_show_the_whole_clip_as_it_is_and_draw_nothing():

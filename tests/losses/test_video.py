@@ -247,7 +247,10 @@ class Together:
         self.prior, self.dtype = prior, dtype
 
     def encode(self, sample):
-        z = self.vae.encode(2 * sample[0].permute(0, 3, 1, 2) - 1).latent_dist.mode() * self.vae.config.scaling_factor
+        z = (
+            self.vae.encode(2 * sample[0].permute(0, 3, 1, 2).contiguous() - 1).latent_dist.mode()
+            * self.vae.config.scaling_factor
+        )
         return z.movedim(0, 1)[None]
 
     def schedule(self, t):
