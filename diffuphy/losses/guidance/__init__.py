@@ -1,6 +1,7 @@
 """Priors that know what things look like or how they move; all answer one question: which noise is in this?"""
 
-from typing import Any, Literal, Protocol
+from collections.abc import Sequence
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import torch
 from torch import Tensor
@@ -8,6 +9,8 @@ from torch import Tensor
 from diffuphy.types import Camera, Look, Motion
 
 Layout = Literal["image", "views", "clip", "points"]
+Part = Literal["positive", "negative", "empty"]
+"""The words of a prompt, the words that are not wanted, no words."""
 
 
 class Guidance(Protocol):
@@ -45,6 +48,15 @@ class Guidance(Protocol):
 
     def predict_noise(self, z_t: Tensor, t: Tensor, cond: Any) -> Tensor:
         """ε̂(z_t; y, t), the shape of z_t."""
+        ...
+
+
+@runtime_checkable
+class TextGuidance(Guidance, Protocol):
+    """A prior that reads text, and can be asked for its answers to several texts apart: what CSD and ISM need."""
+
+    def predict_parts(self, z_t: Tensor, t: Tensor, cond: Any, parts: Sequence[Part]) -> tuple[Tensor, ...]:
+        """ε̂(z_t; ·, t) for each of the named texts, each the shape of z_t, in one call of the network."""
         ...
 
 
