@@ -87,7 +87,7 @@ def test_velocity_loss_of_weight_zero_is_left_out(weight, expected):
 
 def test_frames_of_a_clip_have_no_common_graph_unless_the_prior_cannot_cut_it():
     class Causal(Analytic):
-        frame_axis = None
+        frames_alone = False
 
     plan = make_plan(components(), prompt("rubber"))
     assert decision(plan, "graph of the clip") == "left out"

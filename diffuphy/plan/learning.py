@@ -44,7 +44,7 @@ def clip_lines(fit: Any) -> list[Line]:
     }[takes.frames]
     camera = "one camera" if takes.views == 1 else f"one of {takes.views} cameras"
     background = {"own": "its own", "white": "a white", "random": "a random"}[takes.background]
-    whole = getattr(fit.guidance, "frame_axis", None) is None
+    whole = not getattr(fit.guidance, "frames_alone", False)
     return [
         Line("clip of a step", frames, f"{camera}, {background} background"),
         Line(

@@ -21,9 +21,8 @@ class Guidance(Protocol):
         """What the caller renders: independent images, views judged together, one clip, or points."""
         ...
 
-    # A prior of clips may declare ``frame_axis: int | None``: the axis of z along which the frames of a clip lie, each
-    # encoded alone. None, or no such attribute, if frames cannot be encoded alone, as by a causal video autoencoder:
-    # the clip is then encoded whole (``losses.video``).
+    # A prior of clips may declare ``frames_alone = True``: its ``encode`` treats every frame by itself, and keeps the
+    # graph of one at a time. Without it, as for a causal video autoencoder, clips are encoded whole (``losses.video``).
 
     def condition(
         self, words: Look | Motion, camera: Camera, background: Tensor, *, generator: torch.Generator | None = None

@@ -37,7 +37,7 @@ class Analytic:
     reference.
     """
 
-    frame_axis: ClassVar[int] = 1
+    frames_alone: ClassVar[bool] = True
 
     references: Callable[..., tuple[Tensor, Tensor | None]] | None = None
     """``references(words, camera, background) -> (images (B, K, H, W, 3) in [0, 1], logits (K,))``; None when
