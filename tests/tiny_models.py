@@ -92,6 +92,24 @@ def stable_diffusion(folder: Path, prediction: str = "epsilon") -> Path:
     return folder
 
 
+def mvdream(folder: Path, prediction: str = "epsilon") -> Path:
+    """MVDream with 1 M parameters, its denoiser in the published layout: other names, and a class that nobody has."""
+    import json
+
+    import mvdream_reference
+    from safetensors.torch import save_file
+
+    torch.manual_seed(2)
+    (folder / "unet").mkdir(parents=True)
+    weights = {k: v.contiguous() for k, v in mvdream_reference.Denoiser(mvdream_reference.TINY).state_dict().items()}
+    save_file(weights, folder / "unet/diffusion_pytorch_model.safetensors", metadata={"format": "pt"})
+    (folder / "unet/config.json").write_text(json.dumps(mvdream_reference.TINY), encoding="utf-8")
+    save_text(folder)
+    save_vae(folder)
+    save_scheduler(folder, prediction)
+    return folder
+
+
 def modelscope(folder: Path, prediction: str = "epsilon") -> Path:
     """ModelScope text-to-video with 0.2 M parameters."""
     from diffusers import UNet3DConditionModel

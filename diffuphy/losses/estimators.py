@@ -82,7 +82,7 @@ class ISM:
         r = ε̂(z_t; y, t) − ε̂(z_s; ∅, s),   s = t − δ,
         z_s from z, and z_t from z_s, by DDIM inversion: z_{t'} = α_{t'} (z_t − σ_t ε̂)/α_t + σ_{t'} ε̂,  ε̂ = ε̂(z_t; ∅, t)
 
-    Liang et al., LucidDreamer (2024), interval score matching; inversion: Song et al., DDIM (2021). The path begins at the prior's
+    Liang et al., LucidDreamer (2024); inversion: Song et al., DDIM (2021). The path begins at the prior's
     first time, where the noise ε is nearly nothing, as in the authors' program. Needs no strong guidance: they use
     ``cfg`` 7.5 and w = σ/α (``weight="x0"``), and their annealed δ is constant here.
     """

@@ -56,10 +56,22 @@ def clip_lines(fit: Any) -> list[Line]:
 
 
 def model_lines(components: Mapping[str, Any]) -> list[Line]:
-    """Weights that are loaded."""
-    backends = {type(components[s].guidance).__name__ for s in ("gaussians", "material")}
-    heavy = sorted(backends - {"Analytic"})
-    if heavy:
-        return [Line("diffusion models", ", ".join(heavy), "asked for by guidance; what they take is not predicted")]
-    why = "guidance is the embedded prior, which needs none"
-    return [Line("diffusion models", "left out", why)]
+    """Weights that are loaded, and the memory that they and their work take."""
+    pictures, clips = components["gaussians"], components["material"]
+    lines = []
+    if type(pictures.guidance).__name__ != "Analytic":
+        lines.append(_model_line(pictures.guidance, pictures.views, "pictures"))
+    if type(clips.guidance).__name__ != "Analytic":
+        lines.append(_model_line(clips.guidance, clips.probe.frames, "frames"))
+    return lines or [Line("diffusion models", "left out", "guidance is the embedded prior, which needs none")]
+
+
+def _model_line(guidance: Any, count: int, what: str) -> Line:
+    name = type(guidance).__name__
+    if not hasattr(guidance, "footprint"):
+        return Line("diffusion model", name, "asked for by guidance; what it takes is not predicted")
+    try:
+        footprint = guidance.footprint(count)
+    except FileNotFoundError as missing:
+        return Line("diffusion model", name, str(missing))
+    return Line("diffusion model", name, f"{count} {what} at a time: {footprint.parts}", megabytes=footprint.peak / 1e6)

@@ -18,12 +18,20 @@ def object_lines(components: Mapping[str, Any]) -> list[Line]:
                   would={"gaussians": dataclasses.replace(fit, sh_degree=3)})
     )  # fmt: skip
     return [
+        *distillation_lines(fit),
         harmonics,
         Line.kept("densification", fit.densify is not None, "more Gaussians where the loss still pulls",
                   "fit.densify=null"),
         Line.kept("interior fill", sample.fill != "none", "distilled Gaussians are a shell; the inside needs particles",
                   "sample.fill=none", {"particles": dataclasses.replace(sample, fill="interior")}),
     ]  # fmt: skip
+
+
+def distillation_lines(fit: Any) -> list[Line]:
+    """What is taken from the prior's answers; nothing of a component of somebody else's making."""
+    if not hasattr(fit, "estimator"):
+        return []
+    return [Line("score distillation", type(fit.estimator).__name__, f"w(t) = {fit.weight}, views a step: {fit.views}")]
 
 
 def film_lines(components: Mapping[str, Any]) -> list[Line]:

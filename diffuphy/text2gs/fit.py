@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Literal
 import torch
 from torch import Tensor
 
-from diffuphy.losses import Constant, Exponential, Linear, Schedule, sds
+from diffuphy.losses import SDS, Constant, Estimator, Exponential, Linear, Schedule, sds
 from diffuphy.losses.guidance import Guidance
 from diffuphy.losses.sds import Weight
 from diffuphy.render import Rasteriser, Warp, orbit, render_gaussians
@@ -56,6 +56,8 @@ class FitGaussians:
     """Upper end: large times settle which object it is, small ones its details (+0.3 dB against no annealing)."""
     weight: Weight = "sigma2"
     """w(t) of the estimator."""
+    estimator: Estimator = field(default_factory=SDS)
+    """What is taken from the prior's answer (``losses.estimators``)."""
     background: Literal["random", "white"] = "random"
     """Colour behind the object: white and a random colour in turn by chance, which no transparent haze can match; or
     white."""
@@ -90,6 +92,13 @@ class FitGaussians:
             raise ValueError(
                 f"steps must be ≥ 1 and views in [1, {self.cameras.bank}], got {self.steps} and {self.views}"
             )
+        together = getattr(self.guidance, "together", 1)
+        if self.views % self.cameras.ring or self.cameras.ring % together:
+            raise ValueError(
+                f"fit.views must be a multiple of fit.cameras.ring, and that of the {together} views that the prior "
+                f"judges together, got {self.views} and {self.cameras.ring}; set both to {together}"
+            )
+        self.estimator.check(self.guidance)
 
     def __call__(self, look: Look, *, work: Workspace | None = None) -> Gaussians:
         """Fit Gaussians to ``look``. Interrupted and called again with the same workspace, it gives the same bits."""
@@ -104,12 +113,12 @@ class FitGaussians:
             if step % self.preview_every == 0:
                 self._preview(work, run)
 
-            camera = bank[run.next_views(self.views, len(bank))]
+            camera = bank[run.next_views(self.views, len(bank), self.cameras.ring)]
             background = self._background(g).to(work.device)
             picture = render_gaussians(params.gaussians(), camera, background=background, backend=self.backend).rgb
             cond = self.guidance.condition(look, camera, background, generator=g)
             t = self._times(step, g).to(work.device)
-            loss = sds(self.guidance, picture, cond, t=t, generator=g, weight=self.weight)
+            loss = sds(self.guidance, picture, cond, t=t, generator=g, weight=self.weight, estimator=self.estimator)
             loss.backward()
 
             run.observe()
@@ -190,10 +199,11 @@ class _Run:
             "seen": self.seen,
         }
 
-    def next_views(self, views: int, bank: int) -> Tensor:
-        """Indices of the next cameras: a shuffled bank, dealt out until too few are left."""
+    def next_views(self, views: int, bank: int, ring: int) -> Tensor:
+        """Indices of the next cameras: a bank shuffled ring by ring, dealt out until too few are left."""
         if len(self.order) < views:
-            self.order = torch.randperm(bank, generator=self.generator)
+            rings = torch.randperm(bank // ring, generator=self.generator)
+            self.order = (ring * rings[:, None] + torch.arange(ring)).flatten()
         drawn, self.order = self.order[:views], self.order[views:]
         return drawn
 
