@@ -17,7 +17,7 @@ import importlib.util
 import json
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -47,12 +47,24 @@ Step = Callable[[tuple[Tensor, ...]], Tensor]
 class Saved:
     """Bytes of the tensors that graphs keep for their backward pass, each storage counted once."""
 
-    def __init__(self) -> None:
+    def __init__(self, weights: Iterable[Tensor]) -> None:
         self.now, self.peak = 0, 0
+        self._weights = {w.untyped_storage()._cdata for w in weights}
         self._uses: dict[int, int] = {}
 
     def keep(self, tensor: Tensor) -> "_Kept":
         return _Kept(self, tensor)
+
+    def use(self, tensor: Tensor, change: int) -> None:
+        """One node more or less keeps a tensor."""
+        storage = tensor.untyped_storage()
+        key = storage._cdata
+        if key in self._weights:
+            return
+        before = self._uses.get(key, 0)
+        self._uses[key] = before + change
+        self.now += storage.nbytes() * (bool(before + change) - bool(before))
+        self.peak = max(self.peak, self.now)
 
 
 class _Kept:
@@ -60,23 +72,16 @@ class _Kept:
 
     def __init__(self, saved: Saved, tensor: Tensor):
         self.saved, self.tensor = saved, tensor
-        storage = tensor.untyped_storage()
-        self.key, self.size = storage._cdata, storage.nbytes()
-        uses = saved._uses.get(self.key, 0)
-        saved._uses[self.key] = uses + 1
-        saved.now += self.size * (uses == 0)
-        saved.peak = max(saved.peak, saved.now)
+        saved.use(tensor, 1)
 
     def __del__(self) -> None:
-        uses = self.saved._uses[self.key] - 1
-        self.saved._uses[self.key] = uses
-        self.saved.now -= self.size * (uses == 0)
+        self.saved.use(self.tensor, -1)
 
 
 @contextlib.contextmanager
-def saved_activations() -> Iterator[Saved]:
-    """Watch what graphs keep inside the block, forward and backward, on a CPU."""
-    saved = Saved()
+def saved_activations(weights: Iterable[Tensor] = ()) -> Iterator[Saved]:
+    """Watch what graphs keep inside the block, forward and backward, on a CPU; ``weights`` are there anyway."""
+    saved = Saved(weights)
     with torch.autograd.graph.saved_tensors_hooks(saved.keep, lambda kept: kept.tensor):
         yield saved
 
@@ -133,8 +138,8 @@ def tiny_modelscope(folder: Path) -> Path:
     return tiny_models.modelscope(folder)
 
 
-def steps(prior: str, frames: int, folder: Path) -> tuple[dict[str, Step], tuple[Tensor, ...]]:
-    """Each way to make the step, a function of the operands, and the operands."""
+def steps(prior: str, frames: int, folder: Path) -> tuple[dict[str, Step], tuple[Tensor, ...], list[Tensor]]:
+    """Each way to make the step, a function of the operands; the operands; the weights of the autoencoders."""
     look, gaussians = dressed("burger", count=4000)
     motion = Motion("falling", "a jelly burger falling", {"": "jelly"})
     particles = Sample()(gaussians, motion, work=Workspace())
@@ -157,21 +162,27 @@ def steps(prior: str, frames: int, folder: Path) -> tuple[dict[str, Step], tuple
     if prior == "embedded":
         guidance, noise = Analytic(layout="clip", s=0.0), torch.randn(1, *film.shape, generator=g)
         cond = Variants(film.flip(0)[None, None])
-        return {"one graph": as_one(guidance, cond, noise), "frame by frame": by_frames(guidance, cond, noise)}, rows
+        return (
+            {"one graph": as_one(guidance, cond, noise), "frame by frame": by_frames(guidance, cond, noise)},
+            rows,
+            [],
+        )
     known: dict[str, Any] = {"model": str(folder), "size": 128, "dtype": "float32", "local_files_only": True}
     guidance = ModelScope(**known)
     cond = guidance.condition(motion, bench.camera, torch.ones(3))
     noise = torch.randn(1, 4, frames, 16, 16, generator=g)
-    return {
-        "one graph, one batch": as_one(OneBatch(**known), cond, noise),
-        "one graph": as_one(OneGraph(**known), cond, noise),
+    priors = OneBatch(**known), OneGraph(**known), guidance
+    ways = {
+        "one graph, one batch": as_one(priors[0], cond, noise),
+        "one graph": as_one(priors[1], cond, noise),
         "frame by frame": by_frames(guidance, cond, noise),
-    }, rows
+    }
+    return ways, rows, [w for p in priors for w in p.networks(film.device).vae.parameters()]
 
 
 def measure(prior: str, frames: int, folder: Path, repeat: int) -> list[Row]:
     """A row for each way: what is saved, how much the process grows, processor time, and how far gradients differ."""
-    ways, operands = steps(prior, frames, folder)
+    ways, operands, weights = steps(prior, frames, folder)
     gradients: dict[str, list[Tensor]] = {}
     rows: list[Row] = []
 
@@ -183,7 +194,7 @@ def measure(prior: str, frames: int, folder: Path, repeat: int) -> list[Row]:
     for name in reversed(ways):  # the leanest first: it must not find memory that another has left
         step(name)  # loads weights and kernels
         grown = growth(lambda name=name: step(name))
-        with saved_activations() as saved:
+        with saved_activations(weights) as saved:
             step(name)
         seconds = []
         for _ in range(repeat):
@@ -214,13 +225,9 @@ def full_size(side: int = 256) -> float:
             layers_per_block=2,
         ).requires_grad_(False)
         frame = torch.empty(1, 3, side, side, requires_grad=True)
-        with saved_activations() as saved:
-            z = vae.encode(frame, return_dict=False)[0].mode()
-            sizes = sum(
-                p.untyped_storage().nbytes() for p in vae.parameters() if p.untyped_storage()._cdata in saved._uses
-            )
-        del z
-    return (saved.peak - sizes) / MB
+        with saved_activations(vae.parameters()) as saved:
+            vae.encode(frame, return_dict=False)
+    return saved.peak / MB
 
 
 # ---------------------------------------------------------------------- page
@@ -230,7 +237,7 @@ def page(results: dict[str, Any]) -> str:
     text = f"# Memory of video score distillation\n\n{results['machine']}.\n\n"
     text += "![Saved activations by frames](video_memory.png)\n\n"
     text += (
-        "*saved*: most bytes of tensors that graphs keep at a time, each storage once (weights among them);\n"
+        "*saved*: most bytes of tensors that graphs keep at a time, each storage once, no weights;\n"
         "*process*: most resident memory over that before the step; *time*: of one thread, median; *differs*: norm of\n"
         "the difference of the gradient with respect to positions or deformations, over that of one graph.\n\n"
         "| prior | frames | way | saved [MB] | process [MB] | time [s] | differs |\n|---|--:|---|--:|--:|--:|--:|\n"
