@@ -10,6 +10,7 @@ from diffuphy.artifact import Stage
 from diffuphy.cost import predict
 from diffuphy.fit_material import FitMaterial
 from diffuphy.losses.guidance.analytic import Analytic
+from diffuphy.losses.takes import Takes
 from diffuphy.losses.velocity import Velocity
 from diffuphy.mpm import Scheme
 from diffuphy.mpm.sample import Sample
@@ -83,6 +84,23 @@ def test_the_plan_is_obeyed_by_replacing_open_settings_only():
 def test_velocity_loss_of_weight_zero_is_left_out(weight, expected):
     plan = make_plan(components(velocity=Velocity("literal", weight)), prompt("rubber"))
     assert decision(plan, "velocity loss") == expected
+
+
+def test_frames_of_a_clip_have_no_common_graph_unless_the_prior_cannot_cut_it():
+    class Causal(Analytic):
+        frames_alone = False
+
+    plan = make_plan(components(), prompt("rubber"))
+    assert decision(plan, "graph of the clip") == "left out"
+    assert decision(plan, "clip of a step") == "all 12 frames"
+    fit = FitMaterial(guidance=Causal(layout="clip"), takes=Takes("window", count=5, views=3, background="white"))
+    plan = make_plan(components() | {"material": fit}, prompt("rubber"))
+    assert decision(plan, "graph of the clip") == "autoencoder alone"
+    line = next(line for line in plan.lines if line.what == "clip of a step")
+    assert line.decision == "5 of 12 frames, from a random start"
+    assert line.why == "one of 3 cameras, a white background"
+    untrained = make_plan(components(steps=0), prompt("rubber"))
+    assert not any(line.what == "clip of a step" for line in untrained.lines)
 
 
 def test_embedded_prior_leaves_diffusion_models_out():

@@ -33,6 +33,11 @@ class _Inject(torch.autograd.Function):
         return upstream * grad, None, None
 
 
+def inject(z: Tensor, grad: Tensor, value: Tensor) -> Tensor:
+    """The scalar ``value`` with ∂/∂z = ``grad``, of the shape of z."""
+    return _Inject.apply(z, grad, value)
+
+
 def sds(
     guidance: Guidance,
     sample: Tensor,
@@ -70,7 +75,7 @@ def sds(
     gradient, value = score(
         guidance, z.detach(), cond, t=t, noise=noise, generator=generator, weight=weight, estimator=estimator
     )
-    return _Inject.apply(z, gradient, value)
+    return inject(z, gradient, value)
 
 
 @torch.no_grad()

@@ -19,6 +19,7 @@ def loss_lines(components: Mapping[str, Any]) -> list[Line]:
 
     return [
         Line.kept("video SDS", bool(fit.steps), "it trains the material", "material.steps=0", other("steps")),
+        *(clip_lines(fit) if fit.steps else ()),
         Line.kept("gradient", bool(fit.steps), "training goes back through the simulation",
                   "nothing is trained: no adjoint kernel, no state kept"),
         Line("velocity loss", velocity.form, f"weight {velocity.weight:g}")
@@ -29,6 +30,29 @@ def loss_lines(components: Mapping[str, Any]) -> list[Line]:
         Line.kept("enumeration", bool(fit.stiffness_steps), "finds the basin before descending",
                   "material.stiffness_steps=0", other("stiffness_steps")),
     ]  # fmt: skip
+
+
+def clip_lines(fit: Any) -> list[Line]:
+    """What a step looks at, and what is kept of it for the way back."""
+    takes, total = fit.takes, fit.probe.frames
+    block = f"{takes.shown(total)} of {total} frames"
+    frames = {
+        "all": f"all {total} frames",
+        "consecutive": f"{block}, blocks in turn",
+        "strided": f"{block}, every {takes.stride}th",
+        "window": f"{block}, from a random start",
+    }[takes.frames]
+    camera = "one camera" if takes.views == 1 else f"one of {takes.views} cameras"
+    background = {"own": "its own", "white": "a white", "random": "a random"}[takes.background]
+    whole = not getattr(fit.guidance, "frames_alone", False)
+    return [
+        Line("clip of a step", frames, f"{camera}, {background} background"),
+        Line(
+            "graph of the clip", "autoencoder alone", "the prior encodes clips whole; frames are drawn again one by one"
+        )
+        if whole
+        else Line("graph of the clip", "left out", "frames are drawn and encoded again one by one"),
+    ]
 
 
 def model_lines(components: Mapping[str, Any]) -> list[Line]:

@@ -22,6 +22,9 @@ class Guidance(Protocol):
         """What the caller renders: independent images, views judged together, one clip, or points."""
         ...
 
+    # A prior of clips may declare ``frames_alone = True``: its ``encode`` treats every frame by itself, and keeps the
+    # graph of one at a time. Without it, as for a causal video autoencoder, clips are encoded whole (``losses.video``).
+
     def condition(
         self, words: Look | Motion, camera: Camera, background: Tensor, *, generator: torch.Generator | None = None
     ) -> Any:

@@ -16,6 +16,7 @@ class ModelScope(LatentDiffusion):
     """Video prior; frames are encoded one by one and denoised together."""
 
     layout: ClassVar[Layout] = "clip"
+    frames_alone: ClassVar[bool] = True
     unet_class: ClassVar[str] = "UNet3DConditionModel"
 
     model: str = "ali-vilab/text-to-video-ms-1.7b"
