@@ -52,24 +52,20 @@ class CogVideoX(ClipTransformer):
         """Cosines and sines of the angles of all patches."""
         from diffusers.models.embeddings import get_3d_rotary_pos_embed
 
-        side, p = self.size // (8 * config.patch_size), config.patch_size
-        width, height = config.sample_width // p, config.sample_height // p
-        if config.patch_size_t is not None:  # 1.5: a slice of the largest clip
-            return get_3d_rotary_pos_embed(
-                embed_dim=config.attention_head_dim,
-                crops_coords=None,
-                grid_size=(side, side),
-                temporal_size=(frames + config.patch_size_t - 1) // config.patch_size_t,
-                grid_type="slice",
-                max_size=(height, width),
-                device=device,
-            )
-        # a square as high as the clips of the training, in their middle
-        left = round((width - height) / 2)
-        return get_3d_rotary_pos_embed(
-            embed_dim=config.attention_head_dim,
-            crops_coords=((0, left), (height, left + height)),
-            grid_size=(side, side),
-            temporal_size=frames,
-            device=device,
+        p, p_t = config.patch_size, config.patch_size_t
+        side, width, height = self.size // (8 * p), config.sample_width // p, config.sample_height // p
+        if p_t is not None:  # 1.5: the first part of the largest clip
+            if frames % p_t:
+                raise ValueError(
+                    f"{self.model} joins {p_t} latent frames in a patch and was given {frames}; "
+                    f"show it {4 * (frames // p_t * p_t) - 3} or {4 * (frames // p_t + 1) * p_t - 3} frames"
+                )
+            where = {"temporal_size": -(-frames // p_t), "grid_type": "slice", "max_size": (height, width)}
+            corners = None
+        else:  # a square as high as the clips of the training, in their middle
+            where, left = {"temporal_size": frames}, round((width - height) / 2)
+            corners = ((0, left), (height, left + height))
+        angles: Any = get_3d_rotary_pos_embed(
+            embed_dim=config.attention_head_dim, crops_coords=corners, grid_size=(side, side), device=device, **where
         )
+        return angles
