@@ -58,7 +58,7 @@ class CogVideoX(ClipTransformer):
             if frames % p_t:
                 raise ValueError(
                     f"{self.model} joins {p_t} latent frames in a patch and was given {frames}; "
-                    f"show it {4 * (frames // p_t * p_t) - 3} or {4 * (frames // p_t + 1) * p_t - 3} frames"
+                    f"show it {4 * p_t * (frames // p_t + 1) - 3} frames"
                 )
             where = {"temporal_size": -(-frames // p_t), "grid_type": "slice", "max_size": (height, width)}
             corners = None
