@@ -1,6 +1,7 @@
 """Writes the tables of ``docs/weights.md``, from ``conf/models.yaml``, and the doctor's output.
 
-``python tools/weights_page.py``; the output is that of the present machine without a GPU and without weights; a test keeps the rest equal.
+``python tools/weights_page.py``; the output is that of the present machine without a GPU and without weights, and a
+test keeps the rest equal.
 """
 
 import dataclasses
