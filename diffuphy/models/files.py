@@ -25,9 +25,14 @@ def _weights(stem: str) -> tuple[str, ...]:
     return tuple(f"{stem}.{end}{index}" for end in ("safetensors", "bin") for index in ("", ".index.json"))
 
 
+TENSORS = "[.-][s0]*"
+"""Ends the name of a network's safetensors, whole (``.safetensors``, its index) or in shards (``-00001-of-...``), but
+not of other precisions (``.fp16.``, ``.non_ema.``) or of torch's own form (``.bin``)."""
+
+
 def _network(stem: str, torch_stem: str | None = None) -> Kind:
     names = (*_weights(stem)[:2], *_weights(torch_stem or stem)[2:])
-    return Kind((("config.json",), names), ("config.json", f"{stem}.safetensors*", f"{stem}-*.safetensors"))
+    return Kind((("config.json",), names), ("*.json", f"{stem}{TENSORS}"))
 
 
 KINDS = {
@@ -39,16 +44,15 @@ KINDS = {
             ("tokenizer.json", "vocab.json", "tokenizer.model"),
             *_network("model", "pytorch_model").needs,
         ),
-        ("*.json", "*.txt", "*.jinja", "model.safetensors", "model-*.safetensors"),
+        ("*.json", "*.txt", "*.jinja", f"model{TENSORS}"),
     ),
-    "open_clip": Kind((("open_clip_model.safetensors", "open_clip_pytorch_model.bin"),), ("open_clip*",)),
+    "open_clip": Kind(
+        (("open_clip_model.safetensors", "open_clip_pytorch_model.bin"),), (f"open_clip_model{TENSORS}",)
+    ),
     "tokenizer": Kind((("tokenizer.json", "vocab.json", "spiece.model"),), ("*.json", "*.txt", "*.model")),
     "processor": Kind((("preprocessor_config.json", "processor_config.json"),), ("*.json", "*.txt", "*.jinja")),
     "scheduler": Kind((("scheduler_config.json",),), ("*.json",)),
-    "pipeline": Kind(
-        (("model_index.json",),),
-        ("*.json", "*/*.txt", "*/*.model", "*/*model.safetensors", "*/*model-*.safetensors"),
-    ),
+    "pipeline": Kind((("model_index.json",),), ("*.json", "*.txt", "*.model", f"*/*model{TENSORS}")),
 }
 """By the library that reads it (its constants of file names), or by what it is."""
 

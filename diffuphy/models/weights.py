@@ -38,7 +38,11 @@ def command(model: str, parts: Parts | None = None, revision: str | None = None)
     if entry is not None and entry.url:
         return f"curl -L --create-dirs -o {shown(kept(entry.url))} {entry.url}"
     parts = parts or _parts(entry)
-    patterns = dict.fromkeys(str(PurePosixPath(p, f)) for p, kind in parts.items() for f in KINDS[kind].fetch)
+    wanted = [(p, f) for p, kind in parts.items() for f in KINDS[kind].fetch]
+    # what describes the parts is small: of several it is named once
+    patterns = dict.fromkeys(
+        f if f.startswith("*.") and len(parts) > 1 else str(PurePosixPath(p, f)) for p, f in wanted
+    )
     pinned = f" --revision {revision}" if revision else ""
     return f"hf download {shlex.quote(model)}{pinned}" + "".join(f" --include {shlex.quote(p)}" for p in patterns)
 

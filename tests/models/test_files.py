@@ -1,7 +1,9 @@
 """Which files make a part whole, by the libraries' own classes; tensors are read, code is not."""
 
 import fnmatch
+import itertools
 import json
+import shlex
 import sys
 from pathlib import Path
 
@@ -66,10 +68,24 @@ def test_what_the_libraries_save_is_whole_and_is_what_would_be_fetched(model, pa
         assert lacking(rest, kind) == [row[0]]
 
 
-@pytest.mark.parametrize("end", ["fp16.safetensors", "non_ema.safetensors", "bin"])
-def test_the_same_tensors_are_fetched_once(end):
-    name = f"diffusion_pytorch_model.{end}"
-    assert not any(fnmatch.fnmatch(name, pattern) for pattern in KINDS["diffusers"].fetch)
+def test_what_is_fetched_is_what_is_needed_and_once(model):
+    """By the library's own filter: of all that a repository has, each tensor in one form, and every description."""
+    from huggingface_hub.utils import filter_repo_objects
+
+    from diffuphy.models.registry import for_backend
+    from diffuphy.models.weights import command
+
+    said = shlex.split(command(for_backend("stable_diffusion")[0].id))
+    patterns = [pattern for word, pattern in itertools.pairwise(said) if word == "--include"]
+    right = [
+        f.relative_to(model).as_posix() for f in model.rglob("*") if f.is_file() and f.name != "chat_template.jinja"
+    ]
+    right += ["unet/diffusion_pytorch_model-00001-of-00002.safetensors", "model_index.json", "tokenizer/merges.txt"]
+    right += ["unet/diffusion_pytorch_model.safetensors.index.json"]
+    wrong = ["v1-5-pruned.ckpt", "v1-5-pruned.safetensors", "README.md", "safety_checker/model.safetensors"]
+    for stem in ("unet/diffusion_pytorch_model", "text_encoder/model", "vae/diffusion_pytorch_model"):
+        wrong += [f"{stem}.{end}" for end in ("fp16.safetensors", "non_ema.safetensors", "bin", "fp16.bin")]
+    assert set(filter_repo_objects([*right, *wrong], allow_patterns=patterns)) == set(right)
 
 
 def test_a_missing_shard_is_named(tmp_path):

@@ -63,9 +63,7 @@ def test_a_model_in_the_cache_loads_by_its_name_and_a_half_fetched_one_fails_at_
     environment = os.environ | {"HF_HUB_CACHE": str(tmp_path), "HF_HUB_OFFLINE": "1"}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
     said, loaded, channels = done.stdout.splitlines()
-    assert (
-        "(vae/diffusion_pytorch_model.safetensors)" in said and f"hf download {half} --include vae/config.json" in said
-    )
+    assert "(vae/diffusion_pytorch_model.safetensors)" in said and f"hf download {half} --include 'vae/*.json'" in said
     assert f"{SD} is on this machine: guidance.model={SD} takes it" in said
     assert (loaded, channels) == ("False", "4")
 
@@ -82,7 +80,7 @@ def test_offline_fails_before_the_library_is_asked(cache, monkeypatch):
     with pytest.raises(MissingWeights) as f:
         load_component(load, SD, "unet", "stable_diffusion", local_files_only=True)
     assert str(e.value) == str(f.value) and "\n" not in str(e.value)
-    command = f"hf download {SD} --include unet/config.json"
+    command = f"hf download {SD} --include 'unet/*.json'"
     told = ("unet/config.json, unet/diffusion_pytorch_model.safetensors", "3.4 GB", "CreativeML OpenRAIL-M", command)
     for part in (*told, "guidance.model=/path", "guidance=analytic"):
         assert part in str(e.value)
