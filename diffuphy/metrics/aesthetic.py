@@ -24,7 +24,7 @@ class Aesthetic:
     """The CLIP that the head was fitted to: ViT-L-14 for heads of 768 numbers, ViT-B-32 for those of 512."""
 
     def missing(self) -> str | None:
-        return missing_file(self.head, "evaluate.aesthetic.head") or self.encoder.missing()
+        return missing_file(self.head, "evaluate.aesthetic.head", self.sha256) or self.encoder.missing()
 
     @cached_property
     def _head(self) -> tuple[Tensor, Tensor]:

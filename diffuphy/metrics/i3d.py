@@ -123,7 +123,7 @@ class I3D:
             raise ValueError(f"width must be positive and batch at least 1, got {self.width} and {self.batch}")
 
     def missing(self) -> str | None:
-        return missing_file(self.checkpoint, "evaluate.video.checkpoint")
+        return missing_file(self.checkpoint, "evaluate.video.checkpoint", self.sha256)
 
     @cached_property
     def _network(self) -> InceptionI3d:

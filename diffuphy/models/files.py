@@ -108,13 +108,13 @@ def weights(folder: Path, kind: str) -> list[Path]:
 
 
 def check_tensors(file: Path) -> None:
-    """Refuse a file of torch that holds anything but tensors, without reading their values.
+    """Refuse a file that holds anything but tensors, or fewer bytes than it says, without reading their values.
 
     Raises:
         ValueError: it is no such file, it is broken, or it holds objects, which could run code when they are loaded.
     """
     if file.suffix == ".safetensors":
-        return
+        return _check_header(file)
     if file.suffix in REFUSED:
         raise ValueError(
             f"{file.name} is not read: such a file may hold code; use safetensors, or save its tensors alone "
@@ -129,3 +129,18 @@ def check_tensors(file: Path) -> None:
         raise ValueError(
             f"{file.name} is refused: it does not hold tensors alone, or is broken ({why}); use safetensors"
         ) from None
+
+
+def _check_header(file: Path) -> None:
+    """A file of safetensors is the length of its header (8 bytes), the header, and as many bytes as that promises."""
+    size = file.stat().st_size
+    with file.open("rb") as stream:
+        length = int.from_bytes(stream.read(8), "little")
+        try:
+            header = json.loads(stream.read(min(length, size)))
+            ends = [said["data_offsets"][1] for name, said in header.items() if name != "__metadata__"]
+        except (ValueError, AttributeError, KeyError, TypeError):
+            raise ValueError(f"{file.name} is broken: it has no header of safetensors; fetch it again") from None
+    promised = 8 + length + max(ends, default=0)
+    if size != promised:
+        raise ValueError(f"{file.name} is broken: {size} bytes, its header promises {promised}; fetch it again")

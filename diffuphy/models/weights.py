@@ -114,14 +114,19 @@ def _terms(entry: Model | None, parts: Parts) -> str:
 
 # ------------------------------------------------------------------ asking
 def missing(model: str, parts: Parts, setting: str) -> str | None:
-    """Why a model cannot be loaded, in one line with the remedy; None if all its parts are here.
+    """Why a model cannot be loaded, in one line with the remedy; None if all its parts are here and sound.
 
     Args:
         model: folder, or hub id ``owner/name``.
         setting: what to change to use other weights.
     """
     root = place(model)
-    return absent(model, setting, parts) if root is None or _lacking(root, parts) else None
+    if root is None or _lacking(root, parts):
+        return absent(model, setting, parts)
+    try:
+        return _check(root, parts, known(model))
+    except ValueError as e:
+        return f"{model}: {e}"
 
 
 def located(path: str) -> Path:
@@ -131,12 +136,19 @@ def located(path: str) -> Path:
     return kept(entry.url) if entry is not None and entry.url else file
 
 
-def missing_file(path: str, setting: str) -> str | None:
-    """Why a single file cannot be read; None if it is there."""
+def missing_file(path: str, setting: str, sha256: str = "") -> str | None:
+    """Why a single file cannot be read; None if it is there and sound.
+
+    Args:
+        sha256: digest that it must have; empty expects nothing.
+    """
     if not path:
         return f"no weights are named; set {setting}=/path/to/file"
     if located(path).is_file():
-        return None
+        try:
+            return check_tensors(verified(path, sha256))
+        except ValueError as e:
+            return f"{setting}: {e}"
     entry = known(path)
     fetch = f"run `{command(path)}` ({_terms(entry, _parts(entry))}), or " if entry is not None and entry.url else ""
     return f"there is no file {path}; {fetch}set {setting}=/path/to/file"

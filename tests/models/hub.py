@@ -32,4 +32,5 @@ def whole(model) -> dict[str, bytes]:
     from diffuphy.models.files import KINDS
 
     rows = [(p, row) for p, part in model.parts.items() for row in KINDS[part.kind].needs]
-    return {(Path(p) / row[0]).as_posix(): b"{}" for p, row in rows}
+    empty = (2).to_bytes(8, "little") + b"{}"  # of safetensors: a header without tensors
+    return {(Path(p) / row[0]).as_posix(): empty if row[0].endswith(".safetensors") else b"{}" for p, row in rows}

@@ -3,6 +3,7 @@
 import hashlib
 import logging
 import os
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -18,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import hub
 import tiny_models
 
-from diffuphy.models import MissingWeights, known, load_component, missing_file, read, require
+from diffuphy.models import MissingWeights, known, load_component, missing, missing_file, read, require
 from diffuphy.models import weights as module
 from diffuphy.models.cache import kept
 from diffuphy.models.registry import for_backend, roles
@@ -151,11 +152,11 @@ def test_tensors_of_torch_load_through_the_real_class_and_code_does_not(tiny, tm
 
 def test_bytes_that_the_registry_knows_are_checked(cache, monkeypatch):
     """With the digest of the file nothing happens; with another one it is refused, with both digests."""
-    entry, content = known(SD), b"{}"
+    entry, name = known(SD), "unet/diffusion_pytorch_model.safetensors"
     hub.cached(cache, SD, hub.whole(entry))
-    digest = hashlib.sha256(content).hexdigest()
+    digest = hashlib.sha256(hub.whole(entry)[name]).hexdigest()
     for promised in (digest, "0" * 64):
-        pinned = replace(entry, sha256={"unet/diffusion_pytorch_model.safetensors": promised})
+        pinned = replace(entry, sha256={name: promised})
         monkeypatch.setattr(module, "known", lambda model, m=pinned: m)
         if promised == digest:
             require(SD, PARTS, "guidance.model")
@@ -170,6 +171,8 @@ def test_a_single_file_is_found_by_its_name_once_it_was_fetched(cache):
     why = missing_file(model.id, "evaluate.aesthetic.head")
     assert why and f"-o {kept(model.url)} {model.url}" in why and "licence MIT" in why and "\n" not in why
     kept(model.url).parent.mkdir(parents=True)
+    kept(model.url).write_bytes(b"half of it")
+    assert "is broken" in missing_file(model.id, "evaluate.aesthetic.head")
     torch.save({"weight": torch.ones(1, 768)}, kept(model.url))
     assert missing_file(model.id, "evaluate.aesthetic.head") is None
     assert torch.equal(read(model.id)["weight"], torch.ones(1, 768))
@@ -179,3 +182,20 @@ def test_a_file_of_objects_is_refused(tmp_path):
     torch.save({"w": Path("/x")}, tmp_path / "w.pt")
     with pytest.raises(ValueError, match=r"w.pt is refused: it does not hold tensors alone"):
         read(str(tmp_path / "w.pt"))
+
+
+def test_a_broken_model_is_told_before_it_is_loaded(tiny, tmp_path):
+    """By whom asks whether it can be loaded, such as the plan, as by whom loads it; a digest that differs as well."""
+    shutil.copytree(tiny / "unet", tmp_path / "unet")
+    weights = tmp_path / "unet/diffusion_pytorch_model.safetensors"
+    assert missing(str(tmp_path), PARTS, "x.model") is None
+    whole = weights.read_bytes()
+    for broken, said in ((whole[:-1], f"its header promises {len(whole)}"), (b"<html>", "no header of safetensors")):
+        weights.write_bytes(broken)
+        assert said in missing(str(tmp_path), PARTS, "x.model")
+        with pytest.raises(ValueError, match=said):
+            require(str(tmp_path), PARTS, "x.model")
+    weights.write_bytes(whole)
+    assert "x.file: " in missing_file(str(weights), "x.file", "0" * 64) and "expected 000" in missing_file(
+        str(weights), "x.file", "0" * 64
+    )
