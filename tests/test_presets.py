@@ -94,10 +94,11 @@ def painter(models):
 
 
 def run(tmp_path, models, *arguments, prior="sd"):
-    """``train.py`` up to the Gaussians; what it wrote."""
+    """``train.py``, to the Gaussians unless told otherwise; what it wrote of them."""
     settings = [f"guidance.model={models / prior}", "guidance.size=32", "guidance.dtype=float32", "refine=rules"]
     settings += ["fit.steps=3", "fit.cameras.size=32", "++fit.cameras.bank=8", "+fit.min_opacity=0.001"]
-    fixed = ["prompt=a corgi, falling", "until=gaussians", "device=cpu", f"store={tmp_path / 'store'}"]
+    until = [] if any(a.startswith("until=") for a in arguments) else ["until=gaussians"]
+    fixed = ["prompt=a corgi, falling", *until, "device=cpu", f"store={tmp_path / 'store'}"]
     assert cli.main([*fixed, *arguments, *settings]) == 0
     (result,) = (p for p in (tmp_path / "store/gaussians").iterdir() if p.is_dir())
     (plan,) = (tmp_path / "store/runs").glob("*/plan.json")
@@ -112,6 +113,21 @@ def test_faithful_runs_tiny(tmp_path, models):
     made, lines, metrics = run(tmp_path, models, "experiment=faithful", *point_e(models, "image.pt"), *painter(models))
     assert len(made) > 24 and lines["shape prior"]["decision"] == "PointE"
     assert '"shape"' in metrics
+
+
+@pytest.mark.slow
+def test_faithful_makes_a_film_tiny(tmp_path, models):
+    """All the way: two steps of the material judged by the tiny ModelScope, then the film."""
+    tiny_models.modelscope(models / "modelscope")
+    run(
+        tmp_path, models, "experiment=faithful", *point_e(models, "image.pt"), *painter(models), "until=clip",
+        f"video_guidance.model={models / 'modelscope'}", "video_guidance.size=32", "video_guidance.dtype=float32",
+        "++sample.cells=12", "++material.steps=2", "++material.stiffness_steps=0", "++material.scan_frames=4",
+        "++material.probe.particles=200", "++material.probe.frames=4", "++material.probe.image=32",
+        "++scene.seconds=0.2", "film.width=64", "film.height=64", "report.error=off", "evaluate.score=off",
+    )  # fmt: skip
+    (film,) = (tmp_path / "store/runs").glob("*/film.mp4")
+    assert film.stat().st_size > 0
 
 
 def test_multiview_runs_tiny(tmp_path, models):

@@ -1,7 +1,7 @@
 """Writes the tables of ``docs/weights.md``, from ``conf/models.yaml``, and the doctor's output.
 
-``python tools/weights_page.py``; the output is that of the present machine without a GPU and without weights, and a
-test keeps the rest equal.
+``python tools/weights_page.py``; the output is that of the present machine without a GPU and without weights; a test
+keeps the rest equal.
 """
 
 import dataclasses
@@ -39,7 +39,7 @@ def memory_table() -> str:
     """Weights of the diffusion models in memory, computed from their parameters; those that nothing reads yet have no
     ``stored``, and an allowance of their own, as their autoencoders take a clip whole."""
     rows = ["| model | weights, float16 | weights, float32 | with the allowance, float16 |", "|---|---|---|---|"]
-    for role in ("image", "views", "points", "video"):
+    for role in ("image", "views", "points", "points-pictures", "video"):
         for m in roles()[role]:
             half, full = (weights(m, SimpleNamespace(dtype=d)) for d in ("float16", "float32"))
             if half is not None and full is not None and m.stored is not None:

@@ -54,6 +54,29 @@ def gigabytes(n: int) -> str:
     return f"{n / 1e9:.2f} GB" if n >= 1e7 else f"{n / 1e6:.2f} MB"
 
 
+@dataclass(frozen=True)
+class PointFootprint:
+    """Memory of Point-E on the device [bytes]."""
+
+    network: int
+    """Weights of the base network, in its precision."""
+    working: int
+    """Most that is alive during one call of it, besides."""
+    painting: int
+    """What the painter takes, before the network works; 0 without one."""
+
+    @property
+    def peak(self) -> int:
+        """Most that is taken at any time."""
+        return max(self.painting, self.network + self.working)
+
+    @property
+    def parts(self) -> str:
+        """Each part in words."""
+        first = f"painting, first {gigabytes(self.painting)}, " if self.painting else ""
+        return f"{first}network {gigabytes(self.network)}, working {gigabytes(self.working)}"
+
+
 def weight_bytes(network: Any) -> int:
     """Bytes of all parameters and buffers."""
     return sum(x.numel() * x.element_size() for x in (*network.parameters(), *network.buffers()))

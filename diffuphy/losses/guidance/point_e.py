@@ -11,7 +11,7 @@ from torch import Tensor
 
 from diffuphy.losses.guidance import Layout
 from diffuphy.losses.guidance.clip_features import picture_features, text_vectors
-from diffuphy.losses.guidance.memory import forward_bytes, gigabytes, weight_bytes
+from diffuphy.losses.guidance.memory import PointFootprint, forward_bytes, weight_bytes
 from diffuphy.losses.guidance.point_sampler import draw
 from diffuphy.losses.guidance.point_transformer import (
     BIASES,
@@ -50,29 +50,6 @@ class Features(NamedTuple):
         if self.views is None:
             return None
         return self.views[[self.order[b % len(self.order)] for b in range(count)]]
-
-
-@dataclass(frozen=True)
-class Footprint:
-    """Memory of Point-E on the device [bytes]."""
-
-    network: int
-    """Weights of the base network, in its precision."""
-    working: int
-    """Most that is alive during one call of it, besides."""
-    painting: int
-    """What the painter takes, before the network works; 0 without one."""
-
-    @property
-    def peak(self) -> int:
-        """Most that is taken at any time."""
-        return max(self.painting, self.network + self.working)
-
-    @property
-    def parts(self) -> str:
-        """Each part in words."""
-        first = f"painting, first {gigabytes(self.painting)}, " if self.painting else ""
-        return f"{first}network {gigabytes(self.network)}, working {gigabytes(self.working)}"
 
 
 @dataclass(frozen=True)
@@ -194,7 +171,7 @@ class PointE:
         generator = torch.Generator().manual_seed(self.seed)
         return once.pictures(words, camera.to(device), generator).clamp(0, 1)
 
-    def footprint(self, count: int) -> "Footprint":
+    def footprint(self, count: int) -> PointFootprint:
         """Memory that it takes to judge ``count`` clouds; of the checkpoint only shapes are read.
 
         Raises:
@@ -209,7 +186,7 @@ class PointE:
             given = [x, t, torch.empty(rows, *length)] if length else [x, t]
             working = forward_bytes(lambda: network(*given), [*given, *network.parameters()])
         painter = getattr(self.painter, "footprint", None)
-        return Footprint(weight_bytes(network), working, 0 if painter is None else painter(4).peak)
+        return PointFootprint(weight_bytes(network), working, 0 if painter is None else painter(4).peak)
 
     # ------------------------------------------------------------------ guidance
     def condition(

@@ -14,7 +14,8 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 import tiny_models
 
 from diffuphy.losses import sds
-from diffuphy.losses.guidance.point_e import Features, Footprint, PointE
+from diffuphy.losses.guidance.memory import PointFootprint
+from diffuphy.losses.guidance.point_e import Features, PointE
 from diffuphy.losses.schedules import cosine, linear_betas
 from diffuphy.models import MissingWeights
 from diffuphy.render import orbit
@@ -167,7 +168,7 @@ def test_memory_is_told_before_weights_are_read(folder):
 
     class Large(Painter):
         def footprint(self, count):
-            return Footprint(10 * size, 0, 0)
+            return PointFootprint(10 * size, 0, 0)
 
     assert prior(folder, "grid", painter=Large()).footprint(1).peak == 10 * size
     with pytest.raises(MissingWeights):
