@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from diffuphy.appearance import appearance
+from diffuphy.losses.estimators import SDS, Estimator
 from diffuphy.losses.regularize import spread
 from diffuphy.losses.sds import Weight
 from diffuphy.losses.takes import Takes
@@ -23,7 +24,7 @@ from diffuphy.losses.velocity import Velocity
 from diffuphy.material import ELASTIC, Param
 from diffuphy.material.decoder import bounded, inside
 from diffuphy.material.encoder import Points
-from diffuphy.material.field import Hypothesis, harden, prune, warm_start
+from diffuphy.material.field import Hypothesis, harden, prune, summary, warm_start
 from diffuphy.material.net import MaterialNet, Net
 from diffuphy.material.patches import color_clusters, nearest
 from diffuphy.material.presets import lookup
@@ -50,6 +51,8 @@ class FitMaterial:
     """The material network."""
     probe: Probe = field(default_factory=Probe)
     """The experiment the clip shows."""
+    estimator: Estimator = field(default_factory=SDS)
+    """What training takes from the prior's answer (``losses.estimators``); the scan compares by plain SDS."""
     takes: Takes = field(default_factory=Takes)
     """What each step looks at: frames of the clip, camera, background."""
     velocity: Velocity | None = None
@@ -102,6 +105,7 @@ class FitMaterial:
                 f"got {self.steps}, {self.stiffness_steps}, {self.regions}"
             )
         self._check_override()
+        self.estimator.check(self.guidance)
         if self.scan_frames > self.probe.frames:
             raise ValueError(f"material.scan_frames = {self.scan_frames} exceeds probe.frames = {self.probe.frames}")
 
@@ -218,7 +222,9 @@ class FitMaterial:
                     field, take.frames[-1], gate_time=self.gate_time, report=reports, gather=gather
                 )
                 t = self.t_range[0] + (self.t_range[1] - self.t_range[0]) * float(torch.rand((), generator=generator))
-                loss = distilled = cond.distil(trajectory, take, t=t, generator=generator, weight=self.weight)
+                loss = distilled = cond.distil(
+                    trajectory, take, t=t, generator=generator, weight=self.weight, estimator=self.estimator
+                )
                 if velocity is not None:
                     loss = loss + bench.velocity_loss(velocity, trajectory, field, reports)
                 if self.smooth:
@@ -287,12 +293,3 @@ class FitMaterial:
             mine, theirs = (bench.film(bench.simulate(prune(f).field, scene=other)) for f in (field, table))
             numbers["held_out_motion"] = float(((mine - theirs) ** 2).mean())
         work.summary(numbers | summary(field))
-
-
-def summary(field: MaterialField) -> dict[str, float]:
-    """Mean log10 E and mean weight of each expert, for the log."""
-    log_E = field.theta["E"].detach().log10()
-    weights = zip(
-        (*field.elastic, *field.plastic), (*field.w_e.detach().mean(0), *field.w_p.detach().mean(0)), strict=True
-    )
-    return {"log10_E": float(log_E.mean()), **{f"w_{name}": float(w) for name, w in weights}}

@@ -55,11 +55,16 @@ class Conditions:
         take, generator = Take.whole(len(trajectory.x) - 1), torch.Generator().manual_seed(1)
         return float(self.distil(trajectory, take, t=0.5, generator=generator, weight=weight))
 
-    def distil(self, trajectory: Trajectory, take: Take, *, t: float, weight: Weight, **noise: Any) -> Tensor:
-        """Score distillation of a take, frame by frame; its gradient is per pixel, so lengths compare."""
+    def distil(self, trajectory: Trajectory, take: Take, *, t: float, **settings: Any) -> Tensor:
+        """Score distillation of a take, frame by frame; its gradient is per pixel, so lengths compare.
+
+        Args:
+            t: diffusion time in (0, 1).
+            settings: of ``video_sds``: noise or generator, weight, estimator.
+        """
         frames, draw = list(take.frames), self.bench.drawing(take)
         operands, times = (trajectory.x[frames], trajectory.F[frames]), torch.tensor([t], device=trajectory.x.device)
-        value = video_sds(self.guidance, draw, operands, self.prepare(take), t=times, weight=weight, **noise)
+        value = video_sds(self.guidance, draw, operands, self.prepare(take), t=times, **settings)
         return value.detach() + (value - value.detach()) / (3 * len(frames) * self.bench.probe.image**2)
 
 
