@@ -9,6 +9,7 @@ from diffuphy.metrics.i3d import I3D, InceptionI3d, same
 from diffuphy.metrics.language import clipsim, front_everywhere, janus
 from diffuphy.metrics.videomae import VideoMAE
 from tests import tiny_models as tiny
+from tests.models import hub
 
 
 @pytest.fixture(scope="module")
