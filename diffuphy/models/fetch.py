@@ -29,10 +29,10 @@ def file(source: str, sha256: str, setting: str, *, local: bool = False) -> Path
     entry = known(source)
     sha256 = sha256 or ((entry.sha256 if entry else None) or {}).get(source, "")
     address = source if source.startswith(("http://", "https://")) else entry.url if entry else None
-    if address is None or Path(source).expanduser().is_file():
-        if said := missing_file(source, setting):
-            raise MissingWeights(said)
+    if source and Path(source).expanduser().is_file():
         return verified(source, sha256)
+    if address is None:
+        raise MissingWeights(missing_file(source, setting))
     path = kept(address)
     if path.is_file():
         return verified(str(path), sha256)
