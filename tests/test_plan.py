@@ -19,6 +19,7 @@ from diffuphy.plan import cost_lines, make_plan, predicted, pruned_lines, stage_
 from diffuphy.render import Film
 from diffuphy.text2gs.fit import FitGaussians
 from diffuphy.text2gs.refine.rules import Rules
+from diffuphy.text2gs.shape_prior import ShapePrior
 from diffuphy.types import Look, MaterialField, Motion, Prompt
 
 
@@ -106,6 +107,20 @@ def test_embedded_prior_leaves_diffusion_models_out():
     assert decision(make_plan(components(), prompt("rubber")), "diffusion models") == "left out"
 
 
+def test_a_shape_prior_is_kept_with_its_weight_and_time_or_left_out():
+    class Points(Analytic):
+        pass
+
+    assert decision(make_plan(components(), prompt("rubber")), "shape prior") == "left out"
+    for stop, says in ((2000, "before step 2000"), (0.25, "in the first 25% of the run")):
+        shape = ShapePrior(Points(layout="points"), weight=0.2, stop=stop)
+        made = components() | {"gaussians": FitGaussians(guidance=Analytic(layout="views"), shape=shape)}
+        plan = make_plan(made, prompt("rubber"))
+        line = next(line for line in plan.lines if line.what == "shape prior")
+        assert line.decision == "Points" and line.why == f"weight 0.2, {says}"
+        assert "Points" in {line.decision for line in plan.lines if line.what == "diffusion model"}
+
+
 def test_unknown_material_is_a_one_line_error_with_the_nearest_words():
     with pytest.raises(ValueError, match=r"ruber.*rubber"):
         make_plan(components(), prompt("ruber"))
@@ -135,8 +150,8 @@ def test_every_part_that_a_scene_could_have_has_a_line():
         "return mapping", "deformation gradients", "principal decomposition", "mixture weights", "memory",
         "viscous branch", "gravity", "walls", "friction", "moving walls", "drives", "half kick", "mirror walls",
         "sharpening", "retention", "elastic contact", "cubic splines", "double precision", "diagnostics",
-        "spherical harmonics", "densification", "interior fill", "video SDS", "gradient", "velocity loss",
-        "gathered sums", "enumeration", "diffusion models", "floor", "shadow", "supersampling",
+        "spherical harmonics", "shape prior", "densification", "interior fill", "video SDS", "gradient",
+        "velocity loss", "gathered sums", "enumeration", "diffusion models", "floor", "shadow", "supersampling",
     }  # fmt: skip
     plan = make_plan(components(), prompt("rubber"))
     assert parts <= {line.what for line in plan.lines}

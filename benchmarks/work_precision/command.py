@@ -27,7 +27,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 MEASURES = {"W6": gradient, "W7": pictures}
 """Cases that are not films."""
-ORDER = ("W1", "W2", "W3", "W4", "W5", "W6", "W7", "W8")
+ORDER = ("W1", "W1b", "W2", "W3", "W4", "W5", "W6", "W7", "W8")
 SECOND = {"W6": (MEMORY,), "W7": ()}
 """What the second panel shows instead of particle-substeps."""
 

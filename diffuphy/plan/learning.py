@@ -63,6 +63,8 @@ def model_lines(components: Mapping[str, Any]) -> list[Line]:
         lines.append(_model_line(pictures.guidance, pictures.views, "pictures"))
     if type(clips.guidance).__name__ != "Analytic":
         lines.append(_model_line(clips.guidance, clips.probe.frames, "frames"))
+    if (shape := getattr(pictures, "shape", None)) is not None:
+        lines.append(_model_line(shape.guidance, shape.copies, "clouds"))
     return lines or [Line("diffusion models", "left out", "guidance is the embedded prior, which needs none")]
 
 

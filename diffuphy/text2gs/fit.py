@@ -13,8 +13,9 @@ from diffuphy.losses.sds import Weight
 from diffuphy.render import Rasteriser, Warp, orbit, render_gaussians
 from diffuphy.text2gs.cameras import Orbits
 from diffuphy.text2gs.densify import AdaptiveSplitting
-from diffuphy.text2gs.init import Ball, SurfaceCloud
+from diffuphy.text2gs.init import Ball, PointECloud, SurfaceCloud
 from diffuphy.text2gs.params import LearningRates, Parameters, clean
+from diffuphy.text2gs.shape_prior import ShapePrior
 from diffuphy.types import N_SH, Gaussians, Look
 from diffuphy.workspace import Workspace
 
@@ -36,8 +37,10 @@ class FitGaussians:
     """The prior; its layout must be "image" or "views"."""
     cameras: Orbits = field(default_factory=Orbits)
     """Bank of cameras to draw from, and their picture size."""
-    init: SurfaceCloud | Ball = field(default_factory=SurfaceCloud)
+    init: SurfaceCloud | Ball | PointECloud = field(default_factory=SurfaceCloud)
     """What to start from."""
+    shape: ShapePrior | None = None
+    """A prior of where the points are, beside that of what they look like; None leaves it out."""
     densify: AdaptiveSplitting | None = field(default_factory=AdaptiveSplitting)
     """When and where to add Gaussians; None keeps their number."""
     rates: LearningRates = field(default_factory=LearningRates)
@@ -105,6 +108,8 @@ class FitGaussians:
         work = work or Workspace()
         run = _Run.restored(work.load(), work.device) or _Run.started(self, look, work.device)
         bank = self.cameras().to(work.device)
+        if self.shape is not None and self.shape.acts(run.step, self.steps):
+            self.shape.prepare(look, work.device)
         bar = work.bar(self.steps, "gaussians", initial=run.step)
 
         while run.step < self.steps:
@@ -122,6 +127,7 @@ class FitGaussians:
             loss.backward()
 
             run.observe()
+            shape = self._shape(look, run)
             params.step(self.rates, self.decay(step, self.steps), opaque=self.opaque)
             params.project(max_scale=self.max_scale, max_ratio=self.max_ratio)
             run.step += 1
@@ -130,7 +136,8 @@ class FitGaussians:
                 run.forget_gradients()
                 work.log(run.step, event="densify", **counts)
             if step % self.preview_every == 0:
-                work.log(run.step, sds=loss.item(), gaussians=len(params), t_max=self.t_max(step, self.steps))
+                scalars = {"sds": loss.item(), **shape, "t_max": self.t_max(step, self.steps)}
+                work.log(run.step, gaussians=len(params), **scalars)
             bar.update()
             if work.due():
                 work.save(run.state())
@@ -143,6 +150,18 @@ class FitGaussians:
         work.log(run.step, event="clean", gaussians=len(gaussians), **removed)
         log.info("%d Gaussians after %d steps; removed %s", len(gaussians), self.steps, removed)
         return gaussians
+
+    def _shape(self, look: Look, run: "_Run") -> dict[str, float]:
+        """Add the gradient of the shape prior, if it acts, to those of the pictures; its value, for the log.
+
+        Eq. 2 has means over views where the pictures' gradient is a sum, hence the factor; it comes after ``observe``,
+        since densification looks at the pictures' gradient alone (§3.3).
+        """
+        if self.shape is None or not self.shape.acts(run.step, self.steps):
+            return {}
+        loss = self.shape.loss(run.params.gaussians(), look, run.generator)
+        (self.views * loss).backward()
+        return {"shape": loss.item()}
 
     # ------------------------------------------------------------------ what is drawn at random
     def _background(self, g: torch.Generator) -> Tensor:
@@ -177,7 +196,7 @@ class _Run:
     @classmethod
     def started(cls, fit: FitGaussians, look: Look, device: str) -> "_Run":
         g = torch.Generator().manual_seed(fit.seed)
-        return cls(Parameters(fit.init(look, fit.guidance, g, fit.sh_degree).to(device)), g)
+        return cls(Parameters(fit.init(look, fit.guidance, g, fit.sh_degree, device=device).to(device)), g)
 
     @classmethod
     def restored(cls, state: dict[str, Any] | None, device: str) -> "_Run | None":

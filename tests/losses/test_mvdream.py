@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 import sys
 from pathlib import Path
 
@@ -116,6 +117,23 @@ def test_weights_that_are_not_exactly_these_are_refused(folder, tmp_path):
     save_file(weights, tmp_path / "unet/diffusion_pytorch_model.safetensors")
     with pytest.raises(ValueError, match=r"2 names differ, such as \['out.2.bias', 'strange'\]"):
         mvdream_unet.from_pretrained(str(tmp_path), subfolder="unet", views=4, dtype=torch.float32)
+
+
+def test_a_repository_of_the_hub_is_read_from_its_cache(folder, tmp_path):
+    """The layout that ``hf download`` leaves, found by its name without a network."""
+    commit = "0" * 40
+    repository = tmp_path / "models--somebody--mvdream"
+    (repository / "refs").mkdir(parents=True)
+    (repository / "refs/main").write_text(commit)
+    shutil.copytree(folder, repository / "snapshots" / commit)
+    unet = mvdream_unet.from_pretrained(
+        "somebody/mvdream", subfolder="unet", views=4, dtype=torch.float16, local_files_only=True, cache_dir=tmp_path
+    )
+    assert unet.dtype == torch.float16
+    with pytest.raises(OSError, match="somebody/other"):
+        mvdream_unet.from_pretrained(
+            "somebody/other", subfolder="unet", views=4, dtype=torch.float16, local_files_only=True, cache_dir=tmp_path
+        )
 
 
 # ---------------------------------------------------------------------- cameras

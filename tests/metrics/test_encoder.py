@@ -86,7 +86,7 @@ def test_absent_weights_have_a_reason_and_a_remedy(encoder, monkeypatch, tmp_pat
     assert encoder.missing() is None
     assert "hf download timm/vit_base_patch32_clip_224.openai" in OpenClip().missing()
     assert "there is no folder" in OpenClip(str(tmp_path / "none")).missing()
-    assert "holds none of" in OpenClip(str(tmp_path)).missing()
+    assert "holds no open_clip_model.safetensors" in OpenClip(str(tmp_path)).missing()
     snapshot = tmp_path / "models--timm--vit_base_patch32_clip_224.openai" / "snapshots" / "0123"
     snapshot.mkdir(parents=True)
     (snapshot / "open_clip_model.safetensors").touch()

@@ -6,6 +6,7 @@ from typing import Any, Literal, Protocol, runtime_checkable
 import torch
 from torch import Tensor
 
+from diffuphy.models import MissingWeights as MissingWeights
 from diffuphy.types import Camera, Look, Motion
 
 Layout = Literal["image", "views", "clip", "points"]
@@ -38,7 +39,8 @@ class Guidance(Protocol):
         ...
 
     def encode(self, sample: Tensor) -> Tensor:
-        """z of a sample in [0, 1], differentiable, float32: images (B, H, W, 3) or a clip (1, T, H, W, 3)."""
+        """z of a sample, differentiable, float32: images (B, H, W, 3) or a clip (1, T, H, W, 3) in [0, 1], or clouds
+        (B, N, 6) of positions in the object's frame and colours in [0, 1]."""
         ...
 
     def schedule(self, t: Tensor) -> tuple[Tensor, Tensor]:
@@ -57,10 +59,6 @@ class TextGuidance(Guidance, Protocol):
     def predict_parts(self, z_t: Tensor, t: Tensor, cond: Any, parts: Sequence[Part]) -> tuple[Tensor, ...]:
         """ε̂(z_t; ·, t) for each of the named texts, each the shape of z_t, in one call of the network."""
         ...
-
-
-class MissingWeights(FileNotFoundError):
-    """A pretrained model is not on this machine; the message is one line and says what to run or change."""
 
 
 def view_words(camera: Camera) -> tuple[str, ...]:

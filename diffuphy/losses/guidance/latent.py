@@ -2,7 +2,6 @@
 guidance."""
 
 import logging
-import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
@@ -13,11 +12,12 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import torch
 from torch import Tensor
 
-from diffuphy.losses.guidance import Layout, MissingWeights, Part
+from diffuphy.losses.guidance import Layout, Part
 from diffuphy.losses.guidance.memory import Footprint, footprint, gigabytes
 from diffuphy.losses.guidance.prediction import rescale, to_epsilon
 from diffuphy.losses.guidance.recompute import Recomputed
 from diffuphy.losses.schedules import timestep, variance_preserving
+from diffuphy.models import choose, load_component, where
 
 log = logging.getLogger(__name__)
 LOADING = threading.RLock()
@@ -44,21 +44,6 @@ class Networks(NamedTuple):
     vae: Any
 
 
-def load_component(load: Callable[..., Any], model: str, subfolder: str, backend: str, **options: Any) -> Any:
-    """``load(model, subfolder=..., ...)``, that is ``from_pretrained``; absence becomes one line that says what to
-    do."""
-    try:
-        return load(model, subfolder=subfolder, **options)
-    except (OSError, ValueError) as e:
-        if os.path.isdir(os.path.join(model, subfolder)):  # present but unreadable: the library's own words say more
-            raise
-        raise MissingWeights(
-            f"guidance={backend}: no weights of {model!r} ({subfolder}) on this machine; "
-            f"run `hf download {model}` where there is a network, or set guidance.model=/path/to/folder, "
-            f"or use guidance=analytic, which needs none ({type(e).__name__})"
-        ) from None
-
-
 @dataclass(frozen=True)
 class LatentDiffusion:
     """Base of the backends: loads a checkpoint component by component, on first use, where the samples are.
@@ -67,7 +52,7 @@ class LatentDiffusion:
     """
 
     model: str = ""
-    """Hub id, or a folder laid out the same way."""
+    """Hub id, or a folder laid out the same way; ``auto`` is the first known one that is on this machine."""
     size: int = 512
     """Side the frames are resized to [px], a multiple of 8."""
     cfg: float = 100.0
@@ -92,10 +77,16 @@ class LatentDiffusion:
 
     layout: ClassVar[Layout] = "image"
     unet_class: ClassVar[str] = "UNet2DConditionModel"
+    unet_folder: ClassVar[str] = "unet"
+    vae_class: ClassVar[str] = "AutoencoderKL"
+    text_class: ClassVar[str] = "CLIPTextModel"
+    text_length: ClassVar[int | None] = None
+    """Tokens of a text; None: what the text encoder says."""
     together: ClassVar[int] = 1
     """Rows that the denoiser judges as one sample."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "model", choose(self.model, type(self).model))
         if not self.model:
             raise ValueError(f"{type(self).__name__}.model is empty; give a hub id or a folder")
         if self.size < 8 or self.size % 8:
@@ -123,16 +114,17 @@ class LatentDiffusion:
 
     # ------------------------------------------------------------------ weights
     def _load(self, load: Callable[..., Any], subfolder: str, **options: Any) -> Any:
-        options |= {"local_files_only": self.local_files_only}
-        if self.revision is not None:
-            options["revision"] = self.revision
+        options |= where(self.revision, self.local_files_only)
         return load_component(load, self.model, subfolder, self.backend, **options)
 
     def settings(self, subfolder: str) -> dict[str, Any]:
         """``config.json`` of one part of the checkpoint; nothing else of it is read."""
         from diffusers import UNet2DConditionModel
 
-        return dict(self._load(UNet2DConditionModel.load_config, subfolder))
+        def load(model: str, **options: Any) -> Any:  # of any part: which files that has is not asked
+            return UNet2DConditionModel.load_config(model, **options)
+
+        return dict(self._load(load, subfolder))
 
     def noise(self) -> tuple[Tensor, str]:
         """ᾱ_k of the model's scheduler, shape (n,), float64, and what its network predicts."""
@@ -152,7 +144,7 @@ class LatentDiffusion:
                 need = self.footprint(self.together)
                 log.info("%s: at most %s on the device: %s", self.backend, gigabytes(need.peak), need.parts)
                 unet = self.load_unet()
-                vae = self._load(diffusers.AutoencoderKL.from_pretrained, "vae", dtype=torch.float32)
+                vae = self._load(getattr(diffusers, self.vae_class).from_pretrained, "vae", dtype=torch.float32)
                 self._memory["networks"] = Networks(*(module.eval().requires_grad_(False) for module in (unet, vae)))
         if not self.offload:
             for module in self._memory["networks"]:
@@ -160,15 +152,17 @@ class LatentDiffusion:
         return self._memory["networks"]
 
     def skeleton(self, part: str) -> Any:
-        """The network of one part without weights, on the default device ("meta" included)."""
+        """The network of one part ("unet", "vae", "text_encoder") without weights, on the default device ("meta"
+        included)."""
         import diffusers
         import transformers
 
         if part == "text_encoder":
-            return transformers.CLIPTextModel(transformers.CLIPTextConfig.from_dict(self.settings(part)))
-        return getattr(diffusers, self.unet_class if part == "unet" else "AutoencoderKL").from_config(
-            self.settings(part)
-        )
+            kind = getattr(transformers, self.text_class)
+            return kind(kind.config_class.from_dict(self.settings(part)))
+        if part == "unet":
+            return getattr(diffusers, self.unet_class).from_config(self.settings(self.unet_folder))
+        return getattr(diffusers, self.vae_class).from_config(self.settings(part))
 
     def footprint(self, count: int) -> Footprint:
         """Memory that it takes to judge ``count`` pictures, or a clip of ``count`` frames; reads no weights."""
@@ -179,7 +173,7 @@ class LatentDiffusion:
         import diffusers
 
         load = getattr(diffusers, self.unet_class).from_pretrained
-        return self._load(load, "unet", dtype=getattr(torch, self.dtype))
+        return self._load(load, self.unet_folder, dtype=getattr(torch, self.dtype))
 
     @contextmanager
     def use(self, name: Literal["unet", "vae"], device: torch.device) -> Iterator[Any]:
@@ -236,18 +230,22 @@ class LatentDiffusion:
             return encode(self.networks(x.device).vae, x[0])[None]
         return Recomputed.apply(x, encode, lambda: self.use("vae", x.device))
 
+    def sight(self, count: int) -> tuple[int, ...]:
+        """Shape of what the autoencoder sees at a time, of ``count`` pictures or frames: one."""
+        return (1, 3, self.size, self.size)
+
     def latent_shape(self, side: int) -> tuple[int, int, int]:
         """Channels, height and width of the latents of a frame of ``side`` pixels."""
         config = self.settings("vae")
         down = side // 2 ** (len(config["block_out_channels"]) - 1)
         return config["latent_channels"], down, down
 
-    @torch.no_grad()
-    def decode_frames(self, z: Tensor) -> Tensor:
-        """Frames (n, H, W, 3) in [0, 1] of latents (n, C, h, w), one by one; what lies outside is cut off."""
-        with self.use("vae", z.device) as vae:
-            x = torch.cat([vae.decode(frame[None] / vae.config.scaling_factor).sample for frame in z])
-        return (x / 2 + 0.5).clamp(0, 1).permute(0, 2, 3, 1)
+    def latents(self, count: int) -> tuple[int, ...]:
+        """Shape of z of ``count`` pictures, or of a clip of ``count`` frames."""
+        channels, height, width = self.latent_shape(self.size)
+        if self.layout == "clip":
+            return (1, channels, count, height, width)
+        return (count, channels, height, width)
 
     # ------------------------------------------------------------------ noise
     def schedule(self, t: Tensor) -> tuple[Tensor, Tensor]:
@@ -271,19 +269,33 @@ class LatentDiffusion:
 
     @torch.no_grad()
     def predict_parts(self, z_t: Tensor, t: Tensor, cond: Texts, parts: Sequence[Part]) -> tuple[Tensor, ...]:
-        """ε̂ for each of the named texts, in float32, in one call of the network (in several with ``chunk``)."""
-        alpha_bar, prediction = self.noise()
+        """ε̂ for each of the named texts, in float32; one call, more with ``chunk``."""
         n, dtype = len(parts), getattr(torch, self.dtype)
-        k = timestep(t, len(alpha_bar)).to(z_t.device)
-        rows = {"sample": torch.cat([z_t] * n).to(dtype), "timestep": torch.cat([k] * n)}
-        rows["encoder_hidden_states"] = torch.cat([getattr(cond, part) for part in parts]).to(z_t.device, dtype)
-        if cond.labels is not None:
-            rows["class_labels"] = torch.cat([cond.labels] * n).to(z_t.device, dtype)
+        text = torch.cat([getattr(cond, part) for part in parts]).to(z_t.device, dtype)
+        labels = None if cond.labels is None else torch.cat([cond.labels] * n).to(z_t.device, dtype)
+        rows = self.rows(torch.cat([z_t] * n).to(dtype), torch.cat([self.clock(t)] * n).to(z_t.device), text, labels)
         size = self.chunk or n * len(z_t)
         with self.use("unet", z_t.device) as unet:
             output = [
-                unet(**{name: value[i : i + size] for name, value in rows.items()}).sample.float()
+                unet(**{k: v[i : i + size] for k, v in rows.items()}, **self.shared(unet, z_t)).sample.float()
                 for i in range(0, n * len(z_t), size)
             ]
+        return tuple(self.epsilon(o, z_t, t) for o in torch.cat(output).chunk(n))
+
+    def clock(self, t: Tensor) -> Tensor:
+        """Diffusion time as the denoiser counts it."""
+        return timestep(t, len(self.noise()[0]))
+
+    def rows(self, z_t: Tensor, time: Tensor, text: Tensor, labels: Tensor | None) -> dict[str, Tensor]:
+        """What the denoiser is given, a row for each sample and text."""
+        known = {"sample": z_t, "timestep": time, "encoder_hidden_states": text}
+        return known if labels is None else known | {"class_labels": labels}
+
+    def shared(self, denoiser: Any, z_t: Tensor) -> dict[str, Any]:
+        """What it is given besides, the same for all rows."""
+        return {}
+
+    def epsilon(self, output: Tensor, z_t: Tensor, t: Tensor) -> Tensor:
+        """ε̂ of what it answers, float32."""
         alpha, sigma = (a.to(z_t).view(-1, *[1] * (z_t.ndim - 1)) for a in self.schedule(t))
-        return tuple(to_epsilon(o, z_t, alpha, sigma, prediction) for o in torch.cat(output).chunk(n))
+        return to_epsilon(output, z_t, alpha, sigma, self.noise()[1])

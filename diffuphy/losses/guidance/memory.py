@@ -54,6 +54,29 @@ def gigabytes(n: int) -> str:
     return f"{n / 1e9:.2f} GB" if n >= 1e7 else f"{n / 1e6:.2f} MB"
 
 
+@dataclass(frozen=True)
+class PointFootprint:
+    """Memory of Point-E on the device [bytes]."""
+
+    network: int
+    """Weights of the base network, in its precision."""
+    working: int
+    """Most that is alive during one call of it, besides."""
+    painting: int
+    """What the painter takes, before the network works; 0 without one."""
+
+    @property
+    def peak(self) -> int:
+        """Most that is taken at any time."""
+        return max(self.painting, self.network + self.working)
+
+    @property
+    def parts(self) -> str:
+        """Each part in words."""
+        first = f"painting, first {gigabytes(self.painting)}, " if self.painting else ""
+        return f"{first}network {gigabytes(self.network)}, working {gigabytes(self.working)}"
+
+
 def weight_bytes(network: Any) -> int:
     """Bytes of all parameters and buffers."""
     return sum(x.numel() * x.element_size() for x in (*network.parameters(), *network.buffers()))
@@ -64,7 +87,7 @@ class _Lean(TorchFunctionMode):
 
     def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         if func is torch.nn.functional.scaled_dot_product_attention:
-            query = args[0]
+            query = args[0] if args else kwargs["query"]
             return query.clone() if torch.is_grad_enabled() else torch.empty_like(query)
         return func(*args, **(kwargs or {}))
 
@@ -111,6 +134,12 @@ def peak_bytes(run: Callable[[], Any], given: Any = ()) -> int:
     return alive.peak
 
 
+def forward_bytes(run: Callable[[], Any], given: Any = ()) -> int:
+    """The same of networks that are only asked, not differentiated."""
+    with _Lean(), torch.no_grad():
+        return peak_bytes(run, given)
+
+
 def footprint(prior: Any, count: int) -> Footprint:
     """Of a latent diffusion model that judges ``count`` pictures, or a clip of ``count`` frames, at a time.
 
@@ -126,28 +155,23 @@ def footprint(prior: Any, count: int) -> Footprint:
             prior.skeleton(part).eval().requires_grad_(False) for part in ("unet", "vae", "text_encoder")
         )
         unet, text = (module._apply(lambda x: x.to(dtype)) for module in (unet, text))
-        shape, clip = prior.latent_shape(prior.size), prior.layout == "clip"
-        rows = 2 if clip else 2 * count
-        rows = min(rows, prior.chunk or rows)
-        latent = (shape[0], count, *shape[1:]) if clip else shape
-        given = {
-            "sample": torch.empty(rows, *latent, dtype=dtype),
-            "timestep": torch.zeros(rows, dtype=torch.int64),
-            "encoder_hidden_states": torch.empty(
-                rows, text.config.max_position_embeddings, text.config.hidden_size, dtype=dtype
-            ),
-        }
-        if width := unet.config.get("projection_class_embeddings_input_dim"):
-            given["class_labels"] = torch.empty(rows, width, dtype=dtype)
-        frame = torch.empty(1, 3, prior.size, prior.size, requires_grad=True)
+        z = torch.empty(*prior.latents(count))
+        length = prior.text_length or text.config.max_position_embeddings
+        states = torch.empty(2 * len(z), length, text.config.hidden_size, dtype=dtype)
+        width = unet.config.get("projection_class_embeddings_input_dim")
+        labels = torch.empty(2 * len(z), width, dtype=dtype) if width else None
+        rows = prior.rows(torch.cat([z, z]).to(dtype), torch.zeros(2 * len(z)), states, labels)
+        given = {k: v[: prior.chunk] for k, v in rows.items()} | prior.shared(unet, z)
+        frame = torch.empty(prior.sight(count), requires_grad=True)
 
+        @torch.enable_grad()  # also asked for while nothing else is differentiated
         def encode() -> None:
             z = vae.encode(frame).latent_dist.mode()
             torch.autograd.grad(z, frame, torch.empty_like(z))
 
         with _Lean(), torch.enable_grad():
             with torch.no_grad():
-                denoising = peak_bytes(lambda: unet(**given), [*given.values(), *unet.parameters()])
+                denoising = peak_bytes(lambda: unet(**given), [*tree_leaves(given), *unet.parameters()])
             encoding = peak_bytes(encode, [frame, *vae.parameters()])
     weights = (weight_bytes(module) for module in (unet, vae, text))
     return Footprint(*weights, denoising, encoding, offload=prior.offload)

@@ -86,6 +86,13 @@ class MVDream(LatentDiffusion):
         return self.encode_frames(sample, self.size)
 
     @torch.no_grad()
+    def decode_frames(self, z: Tensor) -> Tensor:
+        """Frames (n, H, W, 3) in [0, 1] of latents (n, C, h, w), one by one; what lies outside is cut off."""
+        with self.use("vae", z.device) as vae:
+            x = torch.cat([vae.decode(frame[None] / vae.config.scaling_factor).sample for frame in z])
+        return (x / 2 + 0.5).clamp(0, 1).permute(0, 2, 3, 1)
+
+    @torch.no_grad()
     def pictures(
         self, words: Look, camera: Camera, generator: torch.Generator, steps: int = 30, *, cfg: float = 7.5
     ) -> Tensor:

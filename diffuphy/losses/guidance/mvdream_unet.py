@@ -13,6 +13,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from diffuphy.models import read
+
 WEIGHTS = "diffusion_pytorch_model.safetensors"
 """File of the weights beside ``config.json``."""
 
@@ -149,12 +151,11 @@ def from_pretrained(model: str, *, subfolder: str, views: int, dtype: torch.dtyp
         ValueError: its parameters are not exactly those of the model.
     """
     from diffusers import UNet2DConditionModel
-    from safetensors.torch import load_file
 
     config = UNet2DConditionModel.load_config(model, subfolder=subfolder, **place)
     with torch.device("meta"):
         unet = build(dict(config), views)
-    weights = load_file(_file(model, subfolder, place))
+    weights = read(_file(model, subfolder, place))
     names = published_names(unet)
     if set(names.values()) != set(weights):
         odd = sorted(set(names.values()) ^ set(weights))
