@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import torch
@@ -121,10 +121,8 @@ class LatentDiffusion:
         """``config.json`` of one part of the checkpoint; nothing else of it is read."""
         from diffusers import UNet2DConditionModel
 
-        def load(model: str, **options: Any) -> Any:  # of any part: which files that has is not asked
-            return UNet2DConditionModel.load_config(model, **options)
-
-        return dict(self._load(load, subfolder))
+        # partial, which has no class: of any part, and whether its weights are there is not asked
+        return dict(self._load(partial(UNet2DConditionModel.load_config), subfolder))
 
     def noise(self) -> tuple[Tensor, str]:
         """ᾱ_k of the model's scheduler, shape (n,), float64, and what its network predicts."""
