@@ -44,6 +44,21 @@ def checkpoints(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
+@pytest.fixture
+def quiet():
+    """Hydra sets up logging for the whole process and torch its threads; each test leaves both as it found them."""
+    import logging
+
+    import torch
+
+    root = logging.getLogger()
+    handlers, level, threads = root.handlers[:], root.level, torch.get_num_threads()
+    yield
+    root.handlers[:] = handlers
+    root.setLevel(level)
+    torch.set_num_threads(threads)
+
+
 @dataclass(frozen=True)
 class WholeRun:
     """One undisturbed run of ``train.py`` in a process of its own."""

@@ -1,25 +1,14 @@
 """The lines that a user with real weights writes, on tiny checkpoints of the real classes."""
 
 import json
-import logging
 import re
 
 import pytest
-import torch
 
 from diffuphy.cli import main
 from diffuphy.types import Gaussians
 
-
-@pytest.fixture(autouse=True)
-def quiet():
-    """Hydra sets up logging for the whole process and torch its threads; each test leaves both as it found them."""
-    root = logging.getLogger()
-    handlers, level, threads = root.handlers[:], root.level, torch.get_num_threads()
-    yield
-    root.handlers[:] = handlers
-    root.setLevel(level)
-    torch.set_num_threads(threads)
+pytestmark = pytest.mark.usefixtures("quiet")
 
 
 def run(store, *settings):

@@ -1,12 +1,10 @@
 """The material stage under each real video prior, by the lines that a user with real weights types."""
 
-import logging
 import shutil
 import sys
 from pathlib import Path
 
 import pytest
-import torch
 
 pytest.importorskip("diffusers")
 pytest.importorskip("transformers")
@@ -19,15 +17,7 @@ from diffuphy.types import MaterialField
 FRAMES = {"modelscope": 4, "wan": 5, "cogvideox": 5}
 
 
-@pytest.fixture(autouse=True)
-def quiet():
-    """Hydra sets up logging for the whole process; each test leaves it as it found it."""
-    root = logging.getLogger()
-    handlers, level, threads = root.handlers[:], root.level, torch.get_num_threads()
-    yield
-    root.handlers[:] = handlers
-    root.setLevel(level)
-    torch.set_num_threads(threads)
+pytestmark = pytest.mark.usefixtures("quiet")
 
 
 def fitted(store: Path, name: str, folder: Path, *more: str) -> int:
