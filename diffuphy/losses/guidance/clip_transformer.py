@@ -106,7 +106,7 @@ class ClipTransformer(LatentDiffusion):
                 f"{name} takes clips of 4 k + 1 frames (its autoencoder is causal, four frames to a latent one), got "
                 f"{frames}; show it {fewer} or {fewer + 4}"
             )
-        x = sample[0].float().permute(0, 3, 1, 2)
+        x = sample[0].float().permute(0, 3, 1, 2).contiguous()
         if x.shape[-2:] != (self.size, self.size):
             x = torch.nn.functional.interpolate(
                 x, (self.size, self.size), mode="bilinear", align_corners=False, antialias=True
