@@ -3,6 +3,7 @@
     python benchmarks/identify.py stiffness      # one-material burger, enumeration off, three starts
     python benchmarks/identify.py experts        # four balls, enumeration on, two seeds
     python benchmarks/identify.py gravel         # weight on Drucker–Prager
+    python benchmarks/identify.py takes          # stiffness, by what the steps look at
 
 Objects come straight from the procedural library (no distillation), so that only the material stage is measured. The
 reference is the same drop with another draw of particles. Writes docs/benchmarks/identify_<what>.json.
@@ -20,6 +21,7 @@ import torch
 
 from diffuphy.fit_material import FitMaterial
 from diffuphy.losses.guidance.analytic import Analytic
+from diffuphy.losses.takes import Takes
 from diffuphy.losses.velocity import Velocity
 from diffuphy.material.presets import lookup
 from diffuphy.mpm.sample import Sample
@@ -30,6 +32,16 @@ from diffuphy.workspace import Workspace
 
 OUT = Path(__file__).parent.parent / "docs" / "benchmarks"
 PLASTIC = ("identity", "von_mises", "drucker_prager", "fluid")
+TAKES = {
+    "all frames": Takes(),
+    "windows of 6": Takes("window", count=6),
+    "blocks of 6": Takes("consecutive", count=6),
+    "every 2nd": Takes("strided", stride=2),
+    "8 cameras": Takes(views=8),
+    "white background": Takes(background="white"),
+    "random backgrounds": Takes(background="random"),
+    "8 cameras, random backgrounds": Takes(views=8, background="random"),
+}
 
 
 def dressed(subject: str, *, count: int = 8000, seed: int = 0) -> tuple[Look, Gaussians]:
@@ -47,9 +59,9 @@ def dressed(subject: str, *, count: int = 8000, seed: int = 0) -> tuple[Look, Ga
     )
 
 
-def fit(subject: str, material: str, **settings: Any) -> tuple[MaterialField, float]:
+def fit(subject: str, material: str, *, count: int = 8000, **settings: Any) -> tuple[MaterialField, float]:
     """Fit the material of a library object; returns the field and the seconds it took."""
-    look, gaussians = dressed(subject)
+    look, gaussians = dressed(subject, count=count)
     motion = Motion("falling", f"a {material} {subject} falling", {"": material})
     particles = Sample()(gaussians, motion, work=Workspace())
     guidance = Analytic(layout="clip", s=0.0)
@@ -102,13 +114,30 @@ def gravel(steps: int) -> list[dict]:
     return [{"found": weights(field), "seconds": seconds}]
 
 
+def takes(steps: int) -> list[dict]:
+    """log10 E of a stiff and of a soft burger, each from about a decade off, by what the steps look at."""
+    rows = []
+    for material, off in (("rubber", -1.0), ("jelly", 0.9)):
+        preset = lookup(material)
+        truth = torch.tensor(preset.E).log10().item()
+        settings = dict(elastic=(preset.elastic,), plastic=("identity",), stiffness_steps=0, steps=steps)
+        for name, choice in TAKES.items():
+            begin = time.process_time()
+            field, _ = fit("burger", material, count=4000, start=truth + off, takes=choice, **settings)
+            error = field.theta["E"].log10().mean().item() - truth
+            row = {"material": material, "takes": name, "error": error, "seconds": time.process_time() - begin}
+            rows.append(row)
+            print(f"{material:<7} {name:<30} {error:+.3f}  {row['seconds']:.0f} s", flush=True)
+    return rows
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("stiffness", "experts", "gravel"))
+    parser.add_argument("what", choices=("stiffness", "experts", "gravel", "takes"))
     parser.add_argument("--steps", type=int, default=40)
     parser.add_argument("--out", type=Path, default=OUT)
     options = parser.parse_args()
-    rows = {"stiffness": stiffness, "experts": experts, "gravel": gravel}[options.what](options.steps)
+    rows = {"stiffness": stiffness, "experts": experts, "gravel": gravel, "takes": takes}[options.what](options.steps)
     options.out.mkdir(parents=True, exist_ok=True)
     machine = f"{os.cpu_count()} cores ({platform.machine()}), torch {torch.__version__}"
     (options.out / f"identify_{options.what}.json").write_text(
@@ -141,6 +170,23 @@ def page(folder: Path) -> str:
         (r,) = found["gravel"]["rows"]
         laws = ", ".join(f"{k} {v:.0%}" for k, v in r["found"].items())
         text += f"\n## Gravel pile\n\n{found['gravel']['machine']}: {laws}, {r['seconds']:.0f} s.\n"
+    if "takes" in found:
+        text += takes_section(found["takes"])
+    return text
+
+
+def takes_section(found: dict[str, Any]) -> str:
+    """What steps look at, and what comes out: a row for each choice, a column for each material."""
+    rows = {name: {r["material"]: r for r in found["rows"] if r["takes"] == name} for name in TAKES}
+    text = f"\n## Stiffness of a burger, by what the steps look at\n\n{found['machine']}, {found['steps']} steps, "
+    text += "one seed; seconds of processor time.\n\n"
+    text += "| `takes` | rubber: error of log₁₀ E | jelly | seconds, rubber | jelly |\n"
+    text += "|---|--:|--:|--:|--:|\n"
+    for name, by in rows.items():
+        errors, seconds = (
+            " | ".join(f"{by[m][k]:{f}}" for m in by) for k, f in (("error", "+.3f"), ("seconds", ".0f"))
+        )
+        text += f"| {name} | {errors} | {seconds} |\n"
     return text
 
 

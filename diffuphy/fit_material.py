@@ -16,12 +16,15 @@ import torch
 from torch import Tensor
 
 from diffuphy.appearance import appearance
+from diffuphy.losses.estimators import SDS, Estimator
+from diffuphy.losses.regularize import spread
 from diffuphy.losses.sds import Weight
+from diffuphy.losses.takes import Takes
 from diffuphy.losses.velocity import Velocity
 from diffuphy.material import ELASTIC, Param
 from diffuphy.material.decoder import bounded, inside
 from diffuphy.material.encoder import Points
-from diffuphy.material.field import Hypothesis, harden, prune, warm_start
+from diffuphy.material.field import Hypothesis, harden, prune, summary, warm_start
 from diffuphy.material.net import MaterialNet, Net
 from diffuphy.material.patches import color_clusters, nearest
 from diffuphy.material.presets import lookup
@@ -48,6 +51,10 @@ class FitMaterial:
     """The material network."""
     probe: Probe = field(default_factory=Probe)
     """The experiment the clip shows."""
+    estimator: Estimator = field(default_factory=SDS)
+    """What training takes from the prior's answer (``losses.estimators``); the scan compares by plain SDS."""
+    takes: Takes = field(default_factory=Takes)
+    """What each step looks at: frames of the clip, camera, background."""
     velocity: Velocity | None = None
     """Velocity loss; None or weight 0 leaves it out."""
     override: dict[str, float | None] = field(default_factory=dict)
@@ -98,6 +105,7 @@ class FitMaterial:
                 f"got {self.steps}, {self.stiffness_steps}, {self.regions}"
             )
         self._check_override()
+        self.estimator.check(self.guidance)
         if self.scan_frames > self.probe.frames:
             raise ValueError(f"material.scan_frames = {self.scan_frames} exceeds probe.frames = {self.probe.frames}")
 
@@ -207,12 +215,16 @@ class FitMaterial:
             for step in range(state["step"], self.steps):
                 for group, rate in zip(optimiser.param_groups, (self.lr, self.lr_region), strict=True):
                     group["lr"] = rate * min(1.0, (step + 1) / 4) * (1 - 0.9 * step / self.steps)
-                frames = self._frames(step)
+                take = self.takes(step, self._frames(step), generator)
                 field = self._field(net, shift, labels)
                 reports: list[FrameReport] = []
-                trajectory = bench.simulate(field, frames, gate_time=self.gate_time, report=reports, gather=gather)
+                trajectory = bench.simulate(
+                    field, take.frames[-1], gate_time=self.gate_time, report=reports, gather=gather
+                )
                 t = self.t_range[0] + (self.t_range[1] - self.t_range[0]) * float(torch.rand((), generator=generator))
-                loss = distilled = cond.distil(bench.film(trajectory), t=t, generator=generator, weight=self.weight)
+                loss = distilled = cond.distil(
+                    trajectory, take, t=t, generator=generator, weight=self.weight, estimator=self.estimator
+                )
                 if velocity is not None:
                     loss = loss + bench.velocity_loss(velocity, trajectory, field, reports)
                 if self.smooth:
@@ -270,28 +282,14 @@ class FitMaterial:
     ) -> None:
         """Hardened loss, held-out motion, and the loss at the table itself: below it one fits discretisation."""
         pruned = prune(field)
-        numbers = {"hardened_loss": cond.score(bench.clip(pruned.field), self.weight)}
+        numbers = {"hardened_loss": cond.score(bench.simulate(pruned.field), self.weight)}
         if pruned.dropped:
             numbers["pruning_change"] = bench.change(field, pruned.field)
         if isinstance(getattr(cond.guidance, "references", None), TableClips):
-            numbers["loss_at_table"] = cond.score(bench.clip(prune(table).field), self.weight)
+            numbers["loss_at_table"] = cond.score(bench.simulate(prune(table).field), self.weight)
             other = dataclasses.replace(self.probe, speed=1.7 * self.probe.speed, tilt=0.25).scene(
                 bench.scene.dx, bench.size
             )
             mine, theirs = (bench.film(bench.simulate(prune(f).field, scene=other)) for f in (field, table))
             numbers["held_out_motion"] = float(((mine - theirs) ** 2).mean())
         work.summary(numbers | summary(field))
-
-
-def summary(field: MaterialField) -> dict[str, float]:
-    """Mean log10 E and mean weight of each expert, for the log."""
-    log_E = field.theta["E"].detach().log10()
-    weights = zip(
-        (*field.elastic, *field.plastic), (*field.w_e.detach().mean(0), *field.w_p.detach().mean(0)), strict=True
-    )
-    return {"log10_E": float(log_E.mean()), **{f"w_{name}": float(w) for name, w in weights}}
-
-
-def spread(values: Tensor, labels: Tensor) -> Tensor:
-    """Mean over regions of the variance of ``values`` (N,) inside each."""
-    return torch.stack([values[labels == r].var(correction=0) for r in range(int(labels.max()) + 1)]).mean()

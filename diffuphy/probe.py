@@ -7,13 +7,15 @@ impact have one basin, longer clips have many.
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from diffuphy.losses.takes import Take
 from diffuphy.losses.velocity import Velocity
 from diffuphy.material import presets
 from diffuphy.mpm import FrameReport, HalfSpace, Scene, rollout
@@ -103,10 +105,6 @@ class Bench:
     size: float
     """Longest side of the object [m]."""
 
-    @property
-    def background(self) -> Tensor:
-        return torch.tensor(self.probe.background, device=self.draft.x.device)
-
     def simulate(
         self,
         field: MaterialField,
@@ -159,23 +157,40 @@ class Bench:
             needed[velocity.needs] = torch.stack(sums)
         return velocity(trajectory.v, m, gravity=self.scene.gravity, dt=1 / self.scene.fps, **needed)
 
-    def film(self, trajectory: Trajectory) -> Tensor:
-        """Frames 1… of a trajectory as pixels in [0, 1], shape (T−1, H, W, 3); differentiable."""
-        images = []
-        for x, F in zip(trajectory.x[1:], trajectory.F[1:], strict=True):
+    def camera_of(self, take: Take) -> Camera:
+        """The one camera of a take: the experiment's, turned about the vertical axis through the object."""
+        a = math.radians(take.azimuth)
+        c, s = math.cos(a), math.sin(a)
+        turn = self.camera.viewmats.new_tensor([[c, s, 0, 0], [-s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+        return dataclasses.replace(self.camera, viewmats=self.camera.viewmats @ turn)
+
+    def background_of(self, take: Take) -> Tensor:
+        """Colour behind the object in a take, shape (3,)."""
+        colour = self.probe.background if take.background is None else take.background
+        return torch.tensor(colour, device=self.draft.x.device)
+
+    def drawing(self, take: Take) -> Callable[[Tensor, Tensor], Tensor]:
+        """What draws a frame of a take, pixels (H, W, 3) in [0, 1], of particles at x (N, 3) deformed by F (N, 3, 3);
+        differentiable in both."""
+        gaussians, camera, background = self.skin.gaussians, self.camera_of(take), self.background_of(take)
+
+        def draw(x: Tensor, F: Tensor) -> Tensor:
             means, F_g = self.skin(x, F)
-            image = render_gaussians(self.skin.gaussians, self.camera, means=means, F=F_g, background=self.background)
-            images.append(image.rgb[0])
-        return torch.stack(images)
+            return render_gaussians(gaussians, camera, means=means, F=F_g, background=background).rgb[0]
+
+        return draw
+
+    def film(self, trajectory: Trajectory, take: Take | None = None) -> Tensor:
+        """The frames of a take, by default all but the first of the trajectory, shape (T, H, W, 3); differentiable."""
+        take = take or Take.whole(len(trajectory.x) - 1)
+        draw, frames = self.drawing(take), list(take.frames)
+        return torch.stack([draw(x, F) for x, F in zip(trajectory.x[frames], trajectory.F[frames], strict=True)])
 
     def change(self, before: MaterialField, after: MaterialField) -> float:
         """Largest distance between two materials' drops at any frame, over the size of the object [-]."""
         with torch.no_grad():
             x, y = (self.simulate(field).x for field in (before, after))
         return float((x - y).norm(dim=-1).max()) / self.size
-
-    def clip(self, field: MaterialField, frames: int | None = None, *, gate_time: float | None = None) -> Tensor:
-        return self.film(self.simulate(field, frames, gate_time=gate_time))
 
 
 def table_field(
@@ -213,8 +228,21 @@ class TableClips:
     bench: Bench
     field: MaterialField
 
-    def __call__(self, words: Motion, camera: Camera, background: Tensor) -> tuple[Tensor, Tensor]:
-        """Reference clips, shape (1, K=1, T, H, W, 3), and their log-prior, shape (1,)."""
+    @cached_property
+    def drop(self) -> Trajectory:
+        """The drop, as long as the probe's; what is filmed of it is another question."""
         with torch.no_grad():
-            clip = self.bench.clip(self.field, len(camera))
+            return self.bench.simulate(self.field)
+
+    def __call__(
+        self, words: Motion, camera: Camera, background: Tensor, *, take: Take | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """Reference clips, shape (1, K=1, T, H, W, 3), and their log-prior, shape (1,).
+
+        Args:
+            camera: one for each frame of the clip.
+            take: what the clip shows; frames 1 … T as the experiment films them by default.
+        """
+        with torch.no_grad():
+            clip = self.bench.film(self.drop, take or Take.whole(len(camera)))
         return clip[None, None], torch.zeros(1, device=clip.device)

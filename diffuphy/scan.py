@@ -4,21 +4,25 @@ Gradient descent finds the bottom of a basin and no more: a mixture of experts h
 wrong phase points the wrong way. A scan of a few dozen short clips takes seconds and names the basin.
 """
 
+import dataclasses
 import itertools
 import logging
 import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from diffuphy.losses.sds import Weight, sds
+from diffuphy.losses.sds import Weight
+from diffuphy.losses.takes import Take
+from diffuphy.losses.video import video_sds
 from diffuphy.material import ELASTIC, PLASTIC, Param
 from diffuphy.material.field import Hypothesis, prune, warm_start
-from diffuphy.probe import Bench
-from diffuphy.types import MaterialField, Motion, SimulationDiverged
+from diffuphy.probe import Bench, TableClips
+from diffuphy.types import MaterialField, Motion, SimulationDiverged, Trajectory
 from diffuphy.workspace import Workspace
 
 log = logging.getLogger(__name__)
@@ -27,30 +31,41 @@ THREADS = 2
 
 
 class Conditions:
-    """The video prior's condition for clips of the probe's first frames, made once for each length."""
+    """What the video prior is asked about takes of the probe."""
 
     def __init__(self, guidance: Any, motion: Motion, bench: Bench):
         self.guidance, self.motion, self.bench = guidance, motion, bench
-        self._made: dict[int, Any] = {}
+        self._made: tuple[Take | None, Any] = (None, None)
 
-    def prepare(self, frames: int) -> Any:
-        if frames not in self._made:
-            camera = self.bench.camera[[0] * frames]
-            generator = torch.Generator().manual_seed(0)
-            self._made[frames] = self.guidance.condition(
-                self.motion, camera, self.bench.background, generator=generator
-            )
-        return self._made[frames]
+    def prepare(self, take: Take) -> Any:
+        """The prior's condition for a take; that of the last one is remembered."""
+        if self._made[0] != take:
+            guidance, references = self.guidance, getattr(self.guidance, "references", None)
+            if isinstance(references, TableClips):
+                guidance = dataclasses.replace(guidance, references=partial(references, take=take))
+            camera = self.bench.camera_of(take)[[0] * len(take.frames)]
+            background, generator = self.bench.background_of(take), torch.Generator().manual_seed(0)
+            made = guidance.condition(self.motion, camera, background, generator=generator)
+            self._made = (take, made)
+        return self._made[1]
 
-    def score(self, clip: Tensor, weight: Weight) -> float:
-        """The loss at t = ½ with the same noise for every clip of one length: hypotheses are compared, not luck."""
-        return float(self.distil(clip, t=0.5, generator=torch.Generator().manual_seed(1), weight=weight))
+    def score(self, trajectory: Trajectory, weight: Weight) -> float:
+        """The loss of the whole clip at t = ½ with the same noise for every clip of one length: hypotheses are
+        compared, not luck."""
+        take, generator = Take.whole(len(trajectory.x) - 1), torch.Generator().manual_seed(1)
+        return float(self.distil(trajectory, take, t=0.5, generator=generator, weight=weight))
 
-    def distil(self, clip: Tensor, *, t: float, weight: Weight, **noise: Any) -> Tensor:
-        """Score distillation of one clip (T, H, W, 3); its gradient is per pixel, so lengths compare."""
-        times = torch.tensor([t], device=clip.device)
-        value = sds(self.guidance, clip[None], self.prepare(len(clip)), t=times, weight=weight, **noise)
-        return value.detach() + (value - value.detach()) / clip.numel()
+    def distil(self, trajectory: Trajectory, take: Take, *, t: float, **settings: Any) -> Tensor:
+        """Score distillation of a take, frame by frame; its gradient is per pixel, so lengths compare.
+
+        Args:
+            t: diffusion time in (0, 1).
+            settings: of ``video_sds``: noise or generator, weight, estimator.
+        """
+        frames, draw = list(take.frames), self.bench.drawing(take)
+        operands, times = (trajectory.x[frames], trajectory.F[frames]), torch.tensor([t], device=trajectory.x.device)
+        value = video_sds(self.guidance, draw, operands, self.prepare(take), t=times, **settings)
+        return value.detach() + (value - value.detach()) / (3 * len(frames) * self.bench.probe.image**2)
 
 
 def scan(
@@ -88,14 +103,14 @@ def scan(
         guess = warm_start(table.elastic, table.plastic, labels, [Hypothesis(**h) for h in hypotheses(pair)])
         with torch.no_grad():
             try:
-                return cond.score(bench.clip(prune(guess).field, frames), weight)
+                return cond.score(bench.simulate(prune(guess).field, frames), weight)
             except SimulationDiverged as trouble:  # so soft that the drop tears it apart: not what the clip shows
                 failed.append(trouble)
                 return math.inf
 
     scores: list[float] = []
     failed: list[SimulationDiverged] = []
-    cond.prepare(frames)
+    cond.prepare(Take.whole(frames))
     with work.bar(len(pairs), "material: scan") as bar, ThreadPoolExecutor(THREADS) as pool:
         for pair, value in zip(pairs, pool.map(score, pairs), strict=True):
             scores.append(value)

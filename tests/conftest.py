@@ -26,6 +26,39 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
             pytest.skip("needs a CUDA device")
 
 
+@pytest.fixture(scope="session")
+def checkpoints(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of tiny checkpoints of the real classes: sd-epsilon, sd-v_prediction, mvdream, mvdream-v_prediction and
+    modelscope."""
+    for package in ("diffusers", "transformers"):
+        pytest.importorskip(package)
+    sys.path.insert(0, str(Path(__file__).parent))
+    import tiny_models
+
+    root = tmp_path_factory.mktemp("checkpoints")
+    for prediction in ("epsilon", "v_prediction"):
+        tiny_models.stable_diffusion(root / f"sd-{prediction}", prediction)
+    tiny_models.mvdream(root / "mvdream")
+    tiny_models.mvdream(root / "mvdream-v_prediction", "v_prediction")
+    tiny_models.modelscope(root / "modelscope")
+    return root
+
+
+@pytest.fixture
+def quiet():
+    """Hydra sets up logging for the whole process and torch its threads; each test leaves both as it found them."""
+    import logging
+
+    import torch
+
+    root = logging.getLogger()
+    handlers, level, threads = root.handlers[:], root.level, torch.get_num_threads()
+    yield
+    root.handlers[:] = handlers
+    root.setLevel(level)
+    torch.set_num_threads(threads)
+
+
 @dataclass(frozen=True)
 class WholeRun:
     """One undisturbed run of ``train.py`` in a process of its own."""

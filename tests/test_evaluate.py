@@ -99,13 +99,14 @@ def test_configurations_say_what_is_missing(option, monkeypatch, tmp_path):
     from omegaconf import OmegaConf
 
     monkeypatch.setenv("HF_HUB_CACHE", str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     file = Path(__file__).parents[1] / "conf" / "evaluate" / f"{option}.yaml"
     plan = instantiate(OmegaConf.load(file), _convert_="all").planned(COMPONENTS)
     assert (plan.encoder, plan.aesthetic, plan.video) == (None, None, None)
     assert "hf download" in plan.absent["CLIPSIM"]
     if option == "paper":
         assert plan.references == (0, 1, 2) and "Diff_SSIM" not in plan.absent
-        assert "i3d" not in plan.absent["FVD"] and "evaluate.video.checkpoint" in plan.absent["FVD"]
+        assert "run `curl " in plan.absent["FVD"] and "evaluate.video.checkpoint=" in plan.absent["FVD"]
 
 
 # ---------------------------------------------------------------------- without weights

@@ -6,8 +6,10 @@ import pytest
 import torch
 
 from diffuphy.appearance import appearance
-from diffuphy.fit_material import FitMaterial, spread
+from diffuphy.fit_material import FitMaterial
+from diffuphy.losses import sds
 from diffuphy.losses.guidance.analytic import Analytic
+from diffuphy.losses.takes import Take, Takes
 from diffuphy.losses.velocity import Velocity
 from diffuphy.material.net import Net
 from diffuphy.probe import Probe, TableClips
@@ -84,9 +86,10 @@ def test_training_moves_the_stiffness_towards_the_reference():
         assert abs(float(field.theta["E"].log10().mean()) - truth) < 0.9 * 0.6
 
 
-def test_interrupted_training_continues_to_the_same_bits(tmp_path):
-    whole = run(stage(steps=4, plastic=("identity", "von_mises")))
-    component = stage(steps=4, plastic=("identity", "von_mises"))
+@pytest.mark.parametrize("takes", [Takes(), Takes("window", count=3, views=4, background="random")])
+def test_interrupted_training_continues_to_the_same_bits(tmp_path, takes):
+    whole = run(stage(steps=4, plastic=("identity", "von_mises"), takes=takes))
+    component = stage(steps=4, plastic=("identity", "von_mises"), takes=takes)
 
     class Stop(Workspace):
         def due(self):
@@ -126,9 +129,42 @@ def test_gradient_reaches_every_weight_of_the_network():
     net = NET.build(appearance(gaussians, bench.draft), start, [component._param_E()])
     torch.nn.init.normal_(net.decoder.head[-1].weight, std=1e-3)  # the zero head would stop the gradient behind it
     cond = Conditions(component._guidance(LOOK, motion, gaussians, particles), motion, bench)
-    clip = bench.clip(component._field(net, torch.zeros(1), labels), 4, gate_time=1 / 30)
-    cond.distil(clip, t=0.5, generator=torch.Generator().manual_seed(1), weight="x0").backward()
-    assert all(p.grad is not None and float(p.grad.abs().max()) > 0 for p in net.parameters())
+    drop = bench.simulate(component._field(net, torch.zeros(1), labels), 4, gate_time=1 / 30)
+    loss = cond.distil(drop, Take.whole(4), t=0.5, generator=torch.Generator().manual_seed(1), weight="x0")
+    ours = torch.autograd.grad(loss, list(net.parameters()), retain_graph=True)
+    assert all(float(g.abs().max()) > 0 for g in ours)
+
+    # and is that of one graph from the score back to the network, to the bit
+    settings = {"t": torch.tensor([0.5]), "generator": torch.Generator().manual_seed(1), "weight": "x0"}
+    clip = bench.film(drop)
+    value = sds(cond.guidance, clip[None], cond.prepare(Take.whole(4)), **settings) / clip.numel()
+    for a, b in zip(ours, torch.autograd.grad(value, list(net.parameters())), strict=True):
+        assert torch.equal(a, b)
+
+
+def test_only_what_a_take_shows_is_simulated_and_drawn(monkeypatch):
+    """Blocks of two frames out of five in turn: 1–2, 3–4, 4–5; each drawn for the score and once more for its
+    gradient."""
+    import diffuphy.probe as probe
+
+    simulated, drawn = [], []
+    simulate, render = probe.Bench.simulate, probe.render_gaussians
+
+    def watched(self, field, frames=None, **options):
+        if torch.is_grad_enabled():
+            simulated.append(frames)
+            drawn.append(0)
+        return simulate(self, field, frames, **options)
+
+    def counted(*args, means, **options):
+        drawn[-1] += torch.is_grad_enabled()  # references are drawn without
+        return render(*args, means=means, **options)
+
+    monkeypatch.setattr(probe.Bench, "simulate", watched)
+    monkeypatch.setattr(probe, "render_gaussians", counted)
+    monkeypatch.setattr(FitMaterial, "_verdict", lambda *_: None)
+    run(stage(stiffness_steps=0, curriculum=(5,), steps=3, takes=Takes("consecutive", count=2)))
+    assert simulated == [2, 4, 5] and drawn == [4, 4, 4]
 
 
 @pytest.mark.parametrize("form", ["literal", "consistent", "momentum"])
@@ -168,12 +204,6 @@ def test_appearance_of_filler_is_that_of_the_nearest_gaussian():
     )
     own = appearance(gaussians, ball()[1])
     assert torch.equal(appearance(gaussians, particles).f, own.f)
-
-
-def test_spread_is_the_mean_variance_inside_regions():
-    """Regions {0, 2} and {5, 5}: variances 1 and 0."""
-    values, labels = torch.tensor([0.0, 2.0, 5.0, 5.0]), torch.tensor([0, 0, 1, 1])
-    assert float(spread(values, labels)) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(

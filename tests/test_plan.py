@@ -10,6 +10,7 @@ from diffuphy.artifact import Stage
 from diffuphy.cost import predict
 from diffuphy.fit_material import FitMaterial
 from diffuphy.losses.guidance.analytic import Analytic
+from diffuphy.losses.takes import Takes
 from diffuphy.losses.velocity import Velocity
 from diffuphy.mpm import Scheme
 from diffuphy.mpm.sample import Sample
@@ -18,6 +19,7 @@ from diffuphy.plan import cost_lines, make_plan, predicted, pruned_lines, stage_
 from diffuphy.render import Film
 from diffuphy.text2gs.fit import FitGaussians
 from diffuphy.text2gs.refine.rules import Rules
+from diffuphy.text2gs.shape_prior import ShapePrior
 from diffuphy.types import Look, MaterialField, Motion, Prompt
 
 
@@ -84,8 +86,39 @@ def test_velocity_loss_of_weight_zero_is_left_out(weight, expected):
     assert decision(plan, "velocity loss") == expected
 
 
+def test_frames_of_a_clip_have_no_common_graph_unless_the_prior_cannot_cut_it():
+    class Causal(Analytic):
+        frames_alone = False
+
+    plan = make_plan(components(), prompt("rubber"))
+    assert decision(plan, "graph of the clip") == "left out"
+    assert decision(plan, "clip of a step") == "all 12 frames"
+    fit = FitMaterial(guidance=Causal(layout="clip"), takes=Takes("window", count=5, views=3, background="white"))
+    plan = make_plan(components() | {"material": fit}, prompt("rubber"))
+    assert decision(plan, "graph of the clip") == "autoencoder alone"
+    line = next(line for line in plan.lines if line.what == "clip of a step")
+    assert line.decision == "5 of 12 frames, from a random start"
+    assert line.why == "one of 3 cameras, a white background"
+    untrained = make_plan(components(steps=0), prompt("rubber"))
+    assert not any(line.what == "clip of a step" for line in untrained.lines)
+
+
 def test_embedded_prior_leaves_diffusion_models_out():
     assert decision(make_plan(components(), prompt("rubber")), "diffusion models") == "left out"
+
+
+def test_a_shape_prior_is_kept_with_its_weight_and_time_or_left_out():
+    class Points(Analytic):
+        pass
+
+    assert decision(make_plan(components(), prompt("rubber")), "shape prior") == "left out"
+    for stop, says in ((2000, "before step 2000"), (0.25, "in the first 25% of the run")):
+        shape = ShapePrior(Points(layout="points"), weight=0.2, stop=stop)
+        made = components() | {"gaussians": FitGaussians(guidance=Analytic(layout="views"), shape=shape)}
+        plan = make_plan(made, prompt("rubber"))
+        line = next(line for line in plan.lines if line.what == "shape prior")
+        assert line.decision == "Points" and line.why == f"weight 0.2, {says}"
+        assert "Points" in {line.decision for line in plan.lines if line.what == "diffusion model"}
 
 
 def test_unknown_material_is_a_one_line_error_with_the_nearest_words():
@@ -117,8 +150,8 @@ def test_every_part_that_a_scene_could_have_has_a_line():
         "return mapping", "deformation gradients", "principal decomposition", "mixture weights", "memory",
         "viscous branch", "gravity", "walls", "friction", "moving walls", "drives", "half kick", "mirror walls",
         "sharpening", "retention", "elastic contact", "cubic splines", "double precision", "diagnostics",
-        "spherical harmonics", "densification", "interior fill", "video SDS", "gradient", "velocity loss",
-        "gathered sums", "enumeration", "diffusion models", "floor", "shadow", "supersampling",
+        "spherical harmonics", "shape prior", "densification", "interior fill", "video SDS", "gradient",
+        "velocity loss", "gathered sums", "enumeration", "diffusion models", "floor", "shadow", "supersampling",
     }  # fmt: skip
     plan = make_plan(components(), prompt("rubber"))
     assert parts <= {line.what for line in plan.lines}

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import logging
 import os
 import random
 import re
@@ -14,7 +13,6 @@ import time
 from pathlib import Path
 
 import pytest
-import torch
 
 from benchmarks import resume
 from diffuphy.cli import main
@@ -25,15 +23,7 @@ PROMPT = "a rubber burger falling"
 STAGES = ["prompt", "gaussians", "particles", "material", "trajectory", "clip", "errors", "evaluate"]
 
 
-@pytest.fixture(autouse=True)
-def quiet():
-    """Hydra sets up logging for the whole process and torch its threads; each test leaves both as it found them."""
-    root = logging.getLogger()
-    handlers, level, threads = root.handlers[:], root.level, torch.get_num_threads()
-    yield
-    root.handlers[:] = handlers
-    root.setLevel(level)
-    torch.set_num_threads(threads)
+pytestmark = pytest.mark.usefixtures("quiet")
 
 
 @pytest.fixture

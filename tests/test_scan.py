@@ -19,20 +19,20 @@ TABLE = MaterialField(
     {"E": torch.full((N,), 1e5), "nu": torch.full((N,), 0.3)},
     torch.full((N,), 1000.0),
 )
-COND: Any = SimpleNamespace(prepare=lambda frames: None, score=lambda clip, weight: float((clip - 5.0).square().mean()))
+COND: Any = SimpleNamespace(prepare=lambda frames: None, score=lambda drop, weight: float((drop - 5.0).square().mean()))
 """Scores by how near log10 E is to 5."""
 
 
 def bench(torn: float) -> Any:
     """Films log10 E; what is softer than ``torn`` cannot be simulated."""
 
-    def clip(field, frames):
+    def simulate(field, frames):
         value = field.theta["E"].log10()
         if float(value.mean()) < torn:
             raise SimulationDiverged(f"particle 3 was turned inside out with log E = {float(value.mean()):.2f}")
         return value
 
-    return SimpleNamespace(clip=clip)
+    return SimpleNamespace(simulate=simulate)
 
 
 def best(torn: float) -> float:

@@ -105,7 +105,7 @@ def test_settings_of_the_run_are_checked(tree, says):
         check(tree)
 
 
-@pytest.mark.parametrize("experiment", ["", "tiny", "fast", "quality"])
+@pytest.mark.parametrize("experiment", ["", "tiny", "fast", "quality", "faithful", "multiview"])
 def test_every_shipped_configuration_passes(experiment):
     with initialize_config_dir(str(conf_dir()), version_base="1.3"):
         cfg = compose("train", overrides=["prompt=a", *([f"experiment={experiment}"] if experiment else [])])

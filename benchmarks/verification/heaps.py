@@ -49,8 +49,7 @@ def glided(s: Setting, angle: float, friction: float = 31.0) -> float:
 
     It is twenty depths long: the free ends slump, for a layer as steep as its floor has no slope left to rest at, and
     what they take along comes inward by √(g h) = 0.7 m/s, 28 cells in that time. One of eight depths is in extension
-    all along, σ_xx = 0.7 σ_zz, and shows 0.40. Five cells wide, so that both sides are mirrors: beside a plain wall the
-    sharpening sees its pressure before it is taken up, and a corner of sand over a mirror creeps (4 mm/s at 20°).
+    all along, σ_xx = 0.7 σ_zz, and shows 0.40. Five cells wide, so that both sides are mirrors.
     """
     cells, length, wide, dx, step = 5, 100, 5, 0.01, 0.02
     theta = {"friction_angle": friction, "cohesion": 0.0}

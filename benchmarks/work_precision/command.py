@@ -25,9 +25,11 @@ log = logging.getLogger(__name__)
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
+PEERS = ROOT / "peers/bin/python"
+"""Where other codes are looked for."""
 MEASURES = {"W6": gradient, "W7": pictures}
 """Cases that are not films."""
-ORDER = ("W1", "W2", "W3", "W4", "W5", "W6", "W7", "W8")
+ORDER = ("W1", "W1b", "W2", "W3", "W4", "W5", "W6", "W7", "W8")
 SECOND = {"W6": (MEMORY,), "W7": ()}
 """What the second panel shows instead of particle-substeps."""
 
@@ -102,7 +104,10 @@ def parsed(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks work_precision", description=__doc__)
     parser.add_argument("--cases", nargs="+", choices=ORDER, default=ORDER, metavar="W", help="some of W1 … W8")
     parser.add_argument("--quick", action="store_true", help="few settings and resolutions, to see that it runs")
-    parser.add_argument("--peers-python", metavar="PATH", help="interpreter with taichi and newton")
+    parser.add_argument(
+        "--peers-python", metavar="PATH", default=str(PEERS) if PEERS.exists() else None,
+        help="interpreter with taichi and newton; peers/bin/python if there is one",
+    )  # fmt: skip
     parser.add_argument("--out", type=Path, help="folder for files and page instead of docs/")
     parser.add_argument("--references", action="store_true", help="only make the references of W3, W5 and W8 again")
     parser.add_argument("--page", action="store_true", help="only draw and write again from the files")

@@ -101,8 +101,12 @@ def shape(components: Mapping[str, Any], prompt: Prompt) -> tuple[float, tuple[f
     library: Any = next((found for found in libraries if hasattr(found, "object")), None)
     if library is None:
         return BALL
+    try:
+        drawn = library.object(prompt.look)
+    except ValueError:  # only a prior that reads text knows it, and not before it has made it
+        return BALL
     a = torch.linspace(-1.25, 1.25, LATTICE)
-    points, drawn, cell = torch.cartesian_prod(a, a, a), library.object(prompt.look), float(a[1] - a[0])
+    points, cell = torch.cartesian_prod(a, a, a), float(a[1] - a[0])
     distance: Tensor = drawn.sdf(points)[0][:, None]
     inside = distance[:, 0] < 0.0  # and so is the ball around a point that touches the surface
     core, room = points[inside], -distance[inside]

@@ -33,6 +33,9 @@ PREVIEW = 3, 128
 SHOT = 3 + 3 + 9
 """Numbers of a particle in a trajectory: x, v, F."""
 
+ROW = 3 + 9
+"""Numbers of a particle that a frame is drawn from: x, F."""
+
 SKIN, SPLAT = 24, 60
 """Numbers that the graph of a picture keeps of a Gaussian: for each particle that it follows (x, F, arm, and what they
 become), and for itself (covariance, footprint, colour, operands)."""
@@ -128,7 +131,9 @@ def material(components: Mapping[str, Any], motion: Motion, body: Body) -> Count
         work.append(times(count, drop.clip(frames, trained, wave, back=True)))
     work.append(times(fit.steps, {"train": 1.0, "train.flop": flops(fit.net, n, len(fit.elastic) + len(fit.plastic))}))
     states = drop.bytes(probe.frames, trained, wave) if fit.steps else 0.0
-    graph = 4 * probe.frames * (body.gaussians * (SKIN * probe.skin + SPLAT) + 10 * probe.image**2)
+    shown = fit.takes.shown(probe.frames)
+    # one frame's graph at a time; of all of them the rows they are drawn from, latents, noise, and gradients of these
+    graph = 4 * (body.gaussians * (SKIN * probe.skin + SPLAT) + shown * (3 * ROW * n + 10 * probe.image**2))
     sizes = {"state": states, "graph": graph if fit.steps else 0.0}
     return Counted(add(*work, *scans), sizes, add(*scans), SCAN_THREADS)
 
@@ -188,17 +193,16 @@ class _Drop:
         return rounds(self.scene, wave, 0.0) * frames / self.scene.frames
 
     def clip(self, frames: int, laws: Laws, wave: float, *, back: bool = False) -> Work:
-        """A simulated and filmed drop, with its gradient if asked."""
+        """A simulated and filmed drop, with its gradient if asked: then some frames, each drawn a second time."""
         R, scheme, G = self.rounds(frames, wave), self.scene.scheme, self.body.gaussians
+        shown, side = self.fit.takes.shown(frames) if back else frames, self.fit.probe.image
         work = [
             rollouts.forward(self.n, R, frames, self.nodes, laws, scheme),
-            pictures(frames, G, self.fit.probe.image, back=back, degree=self.degree),
-            {
-                "skin": frames * G * self.fit.probe.skin * (1 + 2 * back),
-                "score.pixel": frames * self.fit.probe.image**2,
-            },
+            pictures(shown, G, side, degree=self.degree),
+            {"skin": shown * G * self.fit.probe.skin * (1 + 3 * back), "score.pixel": shown * side**2},
         ]
         if back:
+            work.append(pictures(shown, G, side, back=True, degree=self.degree))
             work += [rollouts.backward(self.n, R, self.nodes, laws, scheme, kept=True), {"back.frame": frames}]
         return add(*work)
 

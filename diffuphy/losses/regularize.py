@@ -68,3 +68,15 @@ def log_prior(theta: Tensor, reference: Tensor | float, *, decades: float = 1.0)
         )
     distance = (theta.log() - reference.log()) / (math.log(10) * decades)
     return 0.5 * distance.square().mean()
+
+
+def spread(values: Tensor, labels: Tensor) -> Tensor:
+    """Mean over regions of the variance inside each.
+
+        L = 1/R Σ_r Var{y_n : l_n = r}
+
+    Args:
+        values: field y, shape (N,); for a parameter that spans decades its logarithm.
+        labels: region l of each value, 0 … R − 1, none empty, shape (N,).
+    """
+    return torch.stack([values[labels == r].var(correction=0) for r in range(int(labels.max()) + 1)]).mean()

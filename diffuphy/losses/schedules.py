@@ -35,6 +35,22 @@ class Constant:
 
 
 @dataclass(frozen=True)
+class Step:
+    """``start`` until a step, ``end`` from it on."""
+
+    start: float
+    end: float
+    at: int | float
+    """Where it changes: a step (int) or a share of the run (float in (0, 1])."""
+
+    def __post_init__(self) -> None:
+        _check_steps(self.at)
+
+    def __call__(self, step: int, total: int) -> float:
+        return self.start if step < _span(self.at, total) else self.end
+
+
+@dataclass(frozen=True)
 class Linear:
     """From ``start`` to ``end`` on a straight line, then ``end``."""
 
@@ -93,3 +109,34 @@ def variance_preserving(t: Tensor, alpha_bar: Tensor) -> tuple[Tensor, Tensor]:
     """α_t = √ᾱ_k and σ_t = √(1 − ᾱ_k) at k = ⌊n t⌋, each of the shape, dtype and device of ``t``."""
     a = alpha_bar.to(t.device)[timestep(t, len(alpha_bar))]
     return a.sqrt().to(t.dtype), (1 - a).sqrt().to(t.dtype)
+
+
+def rectified_flow(t: Tensor, shift: float = 1.0) -> tuple[Tensor, Tensor]:
+    """α = 1 − σ and σ = s t/(1 + (s − 1) t) of straight paths between sample and noise, each of the shape of ``t``.
+
+    Lipman et al., flow matching (2023); the shift to more noise for large pictures of Esser et al. (2024), eq. 23.
+    """
+    sigma = shift * t / (1 + (shift - 1) * t)
+    return 1 - sigma, sigma
+
+
+@functools.lru_cache(maxsize=8)
+def cosine(n: int = 1024) -> Tensor:
+    """Cumulative signal power of a cosine schedule, shape (n,), float64.
+
+        f(s) = cos²((s + 0.008)/1.008 · π/2),   β_k = min(1 − f((k+1)/n)/f(k/n), 0.999),   ᾱ_k = Π_{j≤k} (1 − β_j)
+
+    Nichol & Dhariwal (2021), eq. 17.
+    """
+    s = torch.arange(n + 1, dtype=torch.float64) / n
+    f = torch.cos((s + 0.008) / 1.008 * math.pi / 2) ** 2
+    return torch.cumprod(1 - (1 - f[1:] / f[:-1]).clamp(max=0.999), 0)
+
+
+@functools.lru_cache(maxsize=8)
+def linear_betas(n: int = 1024) -> Tensor:
+    """ᾱ_k of β from 1e-4 to 2e-2 over 1000 steps, stretched to n: β_k = 1000/n (1e-4 + k/(n−1) (2e-2 − 1e-4)).
+
+    Ho et al. (2020), §4; shape (n,), float64.
+    """
+    return torch.cumprod(1 - torch.linspace(1e-4, 2e-2, n, dtype=torch.float64) * 1000 / n, 0)

@@ -138,3 +138,12 @@ def prune(field: MaterialField, threshold: float = 1e-3) -> Pruned:
     plastic, w_p = columns(tuple(field.plastic), field.w_p)
     dropped = tuple(n for n in (*field.elastic, *field.plastic) if n not in (*elastic, *plastic))
     return Pruned(dataclasses.replace(field, elastic=elastic, plastic=plastic, w_e=w_e, w_p=w_p), peaks, dropped, moved)
+
+
+def summary(field: MaterialField) -> dict[str, float]:
+    """Mean log10 E and mean weight of each expert, for the log."""
+    log_E = field.theta["E"].detach().log10()
+    weights = zip(
+        (*field.elastic, *field.plastic), (*field.w_e.detach().mean(0), *field.w_p.detach().mean(0)), strict=True
+    )
+    return {"log10_E": float(log_E.mean()), **{f"w_{name}": float(w) for name, w in weights}}

@@ -6,15 +6,16 @@ from functools import cached_property
 from torch import Tensor
 
 from diffuphy.metrics.encoder import Encoder, OpenClip
-from diffuphy.metrics.weights import missing_file, read
+from diffuphy.models import missing_file, read
 
 
 @dataclass(frozen=True)
 class Aesthetic:
     """w·e + b with the unit vector e of a picture: about 1 to 10, 5 is ordinary."""
 
-    head: str = ""
-    """File of the head, ``sa_0_4_vit_l_14_linear.pth`` of LAION's aesthetic-predictor or the same as safetensors."""
+    head: str = "sa_0_4_vit_l_14_linear.pth"
+    """File of the head, of LAION's aesthetic-predictor or the same as safetensors: a path, or a name of
+    ``conf/models.yaml``."""
     sha256: str = ""
     """What the file must have; empty trusts it."""
     encoder: Encoder = field(
@@ -23,7 +24,7 @@ class Aesthetic:
     """The CLIP that the head was fitted to: ViT-L-14 for heads of 768 numbers, ViT-B-32 for those of 512."""
 
     def missing(self) -> str | None:
-        return missing_file(self.head, "evaluate.aesthetic.head") or self.encoder.missing()
+        return missing_file(self.head, "evaluate.aesthetic.head", self.sha256) or self.encoder.missing()
 
     @cached_property
     def _head(self) -> tuple[Tensor, Tensor]:

@@ -10,10 +10,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from diffuphy.metrics.weights import missing
-
-FILES = ("open_clip_model.safetensors", "open_clip_pytorch_model.bin")
-"""Weights as open_clip keeps them."""
+from diffuphy.models import missing
 
 
 class Encoder(Protocol):
@@ -65,7 +62,7 @@ class OpenClip:
         return os.path.expanduser(self.model) if self.model.startswith(("/", ".", "~")) else None
 
     def missing(self) -> str | None:
-        return missing(self._folder or self.repo, FILES, "the encoder's model")
+        return missing(self._folder or self.repo, {".": "open_clip"}, "the encoder's model")
 
     @cached_property
     def _network(self) -> tuple[Any, Any]:

@@ -11,7 +11,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from diffuphy.metrics.weights import missing_file, read
+from diffuphy.models import missing_file, read
 
 MIXED: dict[str, tuple[int, ...]] = {
     "3b": (64, 96, 128, 16, 32, 32),
@@ -106,8 +106,8 @@ class InceptionI3d(nn.Module):
 class I3D:
     """Features of FVD as it is published: 400 logits of frames resized to 224 px."""
 
-    checkpoint: str = ""
-    """File ``i3d_pretrained_400.pt``, or the same as safetensors."""
+    checkpoint: str = "i3d_pretrained_400.pt"
+    """File of the weights, or the same as safetensors: a path, or a name of ``conf/models.yaml``."""
     sha256: str = ""
     """What the file must have; empty trusts it."""
     width: float = 1.0
@@ -123,7 +123,7 @@ class I3D:
             raise ValueError(f"width must be positive and batch at least 1, got {self.width} and {self.batch}")
 
     def missing(self) -> str | None:
-        return missing_file(self.checkpoint, "evaluate.video.checkpoint")
+        return missing_file(self.checkpoint, "evaluate.video.checkpoint", self.sha256)
 
     @cached_property
     def _network(self) -> InceptionI3d:

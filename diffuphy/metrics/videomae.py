@@ -11,7 +11,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from diffuphy.metrics.weights import missing
+from diffuphy.models import missing
 
 MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 """Of the pictures that it was trained on."""
@@ -34,7 +34,7 @@ class VideoMAE:
             raise ValueError(f"batch must be at least 1, got {self.batch}")
 
     def missing(self) -> str | None:
-        return missing(self.model, ("model.safetensors", "pytorch_model.bin"), "evaluate.video.model")
+        return missing(self.model, {".": "transformers"}, "evaluate.video.model")
 
     @cached_property
     def _network(self) -> Any:

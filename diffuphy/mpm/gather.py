@@ -3,9 +3,10 @@
     expected_dv_p = Σ_substeps Σ_i w_ip (f_i / m_i + k g)                    what stress and gravity do to a particle
     impulse       = Σ_substeps Σ_i m_i (v_i after walls − v_i before)       what all walls do to the body
 
-f_i is the impulse that ``p2g`` brings to a node beside its momentum. Hence, with the velocities of two frames,
+f_i is the impulse that ``p2g`` brings to a node beside its momentum, c = Π (f/m + k g) what walls that hold leave of it
+(``nodes``). Hence, with the velocities of two frames,
 
-    v_p(end) − v_p(start) = expected_dv_p + the filter Σ_substeps [(1 − α)(Σ_i w_ip v⁰_i − v_p) + Σ_i w_ip (S a)_i/m_i]
+    v_p(end) − v_p(start) = expected_dv_p + the filter Σ_substeps [(1 − α)(Σ_i w_ip v⁰_i − v_p) + Σ_i w_ip (S c)_i/m_i]
                             + walls,
     Σ_p m_p (v_p(end) − v_p(start)) = M g T + impulse,
 

@@ -31,6 +31,16 @@ from diffuphy.mpm.variant import Variant
 LEFT, INVERTED, FAST = 0, 1, 2
 """What a particle may do wrong, as the place in the status array where 1 + its index goes."""
 
+SQUEEZED = 64
+"""Least det Fe that means something, in rounding units ε of 1. F = I + H is known to ε/2, hence det F of what is
+squeezed along one axis to ε/2 det F of itself: at 64 ε to 1 %. The logarithm in a law hides it: its stress stays finite
+where no volume is left."""
+
+
+def least_volume(real: type) -> float:
+    """SQUEEZED ε [-]: 7.6e-6 in float32, 1.4e-14 in float64."""
+    return SQUEEZED * (2.0**-52 if real is wp.float64 else 2.0**-23)
+
 
 def make_kernels(variant: Variant) -> SimpleNamespace:
     """The kernels ``p2g`` and ``g2p`` of a substep. Cached; safe to call from several threads."""
@@ -181,7 +191,7 @@ def _make_g2p(variant: Variant) -> wp.Kernel:
     driven, keeps, turns = len(drives) > 0, variant.scheme.keeps, variant.scheme.retain > 0.0
     drive = make_drives(drives, real)
     drive_t, hold = drive.drive_t, drive.hold
-    sparse, determinant = variant.sparse, volume.build(real).determinant
+    sparse, determinant, least = variant.sparse, volume.build(real).determinant, real(least_volume(real))
 
     @wp.kernel(module="unique", enable_backward=False)
     def g2p(
@@ -245,7 +255,7 @@ def _make_g2p(variant: Variant) -> wp.Kernel:
         L = dt * L
         He_p = He[wp.where(wp.static(plastic), p, r)]
         He_p += L + L * He_p
-        if determinant(eye() + He_p) <= real(0.0):
+        if determinant(eye() + He_p) < least:
             wp.atomic_max(status, INVERTED, p + 1)
         if wp.dot(v_p, v_p) * dt * dt > dx * dx:
             wp.atomic_max(status, FAST, p + 1)

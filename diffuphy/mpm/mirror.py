@@ -39,6 +39,8 @@ class Mirrors:
     """Whether the planes of an axis turn every component around."""
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Shift of the lattice [Δx]."""
+    walls: tuple[int, ...] = ()
+    """Numbers of the walls that they belong to."""
 
     @property
     def any(self) -> bool:
@@ -70,8 +72,8 @@ def mirrors(
     low: list[float | None] = [None] * 3
     high: list[float | None] = [None] * 3
     sticky, shift = [False] * 3, [0.0] * 3
-    rest = []
-    for b in boundaries:
+    rest, reflecting = [], []
+    for k, b in enumerate(boundaries):
         axis = _axis(b)
         if axis is None:
             rest.append(b)
@@ -95,8 +97,10 @@ def mirrors(
             rest.append(b)
             continue
         side[axis] = place
+        reflecting.append(k)
         rest.append(dataclasses.replace(b, reach=REACH + 0.5))
-    return Mirrors(tuple(low), tuple(high), tuple(sticky), tuple(shift)), tuple(rest)  # type: ignore[arg-type]
+    found = Mirrors(tuple(low), tuple(high), tuple(sticky), tuple(shift), tuple(reflecting))  # type: ignore[arg-type]
+    return found, tuple(rest)
 
 
 def _behind(place: float, up: bool, axis: int, dx: float, extent: Extent | None) -> bool:
@@ -115,8 +119,8 @@ def _axis(b: Boundary) -> int | None:
 
 
 def make_reflection(v: Variant) -> SimpleNamespace:
-    """Warp functions ``summed`` over lanes, ``folded`` over mirror images too, and what is ``seen`` of a uniform
-    acceleration. Cached."""
+    """Warp functions ``summed`` over lanes, ``folded`` over mirror images too, what is ``seen`` of a uniform
+    acceleration, and the node in ``front`` of the planes that one is an image of. Cached."""
     return v.made(_make_reflection)
 
 
@@ -209,4 +213,15 @@ def _make_reflection(v: Variant) -> SimpleNamespace:
                 g[axis] = q * g[axis]
         return g
 
-    return SimpleNamespace(summed=summed, folded=folded, seen=seen)
+    @wp.func(module="unique")
+    def front(at: wp.vec3i, low: wp.vec3i, high: wp.vec3i, sticky: wp.vec3i):
+        """The node in front of all mirror planes that a node is the image of, and the signs of its components."""
+        to, sign = wp.vec3i(at[0], at[1], at[2]), vec3(real(1.0), real(1.0), real(1.0))
+        for axis in range(3):
+            if at[axis] < low[axis] or at[axis] > high[axis]:
+                plane = wp.where(at[axis] < low[axis], low[axis], high[axis])
+                to[axis] = 2 * plane - at[axis]
+                sign = wp.cw_mul(sign, odd(axis, sticky[axis]))
+        return to, sign
+
+    return SimpleNamespace(summed=summed, folded=folded, seen=seen, front=front)

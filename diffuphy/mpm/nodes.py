@@ -2,11 +2,17 @@
 
     reflect    q_i ← Σ_R σ_R q_R(i),  likewise f; m_i ← Σ_R m_R(i)                      R: mirror planes, and none
     divide     v⁰_i = q_i/m_i,  a_i = f_i/m_i + k σ g
-    sharpen    a*_i = a_i + (S a)_i / m_i                                               see ``sharpen``
+    hold       c_i = Π_i a_i, what walls that always hold leave of it                   see ``boundary.kernels_hold``
+    sharpen    a*_i = a_i + (S c)_i / m_i                                               see ``sharpen``
     walls      v_i = contact(v⁰_i + a*_i)
 
 A mirror plane at nodes k⁰ sends node k⁰ + d to k⁰ − d; σ turns the normal component around, on a sticky wall every
 component. Where no node reads another all of it is one pass.
+
+A body that rests against a wall has a ≠ 0 at its nodes, its pressure, which the wall takes up; sharpened as it is, a
+part of it would reach the next nodes, where nothing takes it up. Hence S acts on c, and momentum is kept as before. Of
+a node behind a mirror plane Π is that of the node in front of it. Walls that separate are left out: which of their
+nodes touch is known only after the step.
 """
 
 from functools import lru_cache
@@ -14,7 +20,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from diffuphy.mpm.boundary import DAMPING, make_contact
+from diffuphy.mpm.boundary import DAMPING, make_contact, make_hold
 from diffuphy.mpm.mirror import make_reflection
 from diffuphy.mpm.places import make_places
 from diffuphy.mpm.sharpen import make_sharpening
@@ -32,7 +38,7 @@ def _make_nodes(v: Variant) -> SimpleNamespace:
 
 def _make_divide(v: Variant) -> wp.Kernel:
     real, vec3, node_t, step_t, mirror = v.real, v.vec3, v.node_t, v.step_t, v.mirror
-    sparse = v.sparse
+    sparse, held, left, wall_t = v.sparse, len(v.held) > 0, make_left(v).left, make_contact(v.walls, real).wall_t
     reflection, index = make_reflection(v), make_places().index
     summed, folded, seen = reflection.summed, reflection.folded, reflection.seen
 
@@ -49,9 +55,12 @@ def _make_divide(v: Variant) -> wp.Kernel:
         sticky: wp.vec3i,
         start: wp.int32,
         active: wp.array[wp.int32],  # rows that are worked on, only if sparse
-        acc: wp.array[
-            node_t
-        ],  # (scenes · nodes,) velocity [m/s], mass [kg], velocity change [m/s], distance [Δx]   out
+        row: wp.array2d[wall_t],  # (steps, walls)  only with walls that are held
+        sdf: wp.array[real],
+        ws: wp.int32,  # row of this step
+        dx: real,
+        acc: wp.array[node_t],  # (scenes · nodes,) v⁰ [m/s], mass [kg], velocity change c [m/s], distance [Δx]   out
+        load: wp.array[node_t],  # the same with the velocity change a   out, only with walls that are held
     ):
         o = start + wp.tid()
         if wp.static(sparse):
@@ -67,26 +76,61 @@ def _make_divide(v: Variant) -> wp.Kernel:
             r = summed(grid, o - scene * nodes, scene, lanes, nodes)
         m = r[3]
         if m > real(0.0):
-            acc[o] = node_t(
-                r[0] / m, r[1] / m, r[2] / m, m, r[4] / m + g[0], r[5] / m + g[1], r[6] / m + g[2], r[7] / m
-            )
+            q = node_t(r[0] / m, r[1] / m, r[2] / m, m, r[4] / m + g[0], r[5] / m + g[1], r[6] / m + g[2], r[7] / m)
+            if wp.static(held):
+                load[o] = q
+                c = left(vec3(q[4], q[5], q[6]), at, low, high, sticky, dx, row, sdf, ws)
+                q = node_t(q[0], q[1], q[2], m, c[0], c[1], c[2], q[7])
+            acc[o] = q
         else:
             acc[o] = node_t()
+            if wp.static(held):
+                load[o] = node_t()
 
     return divide
+
+
+def make_left(v: Variant) -> SimpleNamespace:
+    """Warp functions ``left``, Π a of a node, and ``left_adjoint``, Πᵀ. Cached."""
+    return v.made(_make_left)
+
+
+def _make_left(v: Variant) -> SimpleNamespace:
+    return SimpleNamespace(left=_make_held(v, v.held), left_adjoint=_make_held(v, v.held[::-1]))
+
+
+def _make_held(v: Variant, which: tuple[int, ...]) -> wp.Function:
+    real, vec3, mirror = v.real, v.vec3, v.mirror
+    hold, front, wall_t = make_hold(v.walls, which, real), make_reflection(v).front, make_contact(v.walls, real).wall_t
+
+    @wp.func(module="unique")
+    def held(
+        a: vec3, at: wp.vec3i, low: wp.vec3i, high: wp.vec3i, sticky: wp.vec3i,
+        dx: real, row: wp.array2d[wall_t], sdf: wp.array[real], ws: wp.int32,
+    ) -> vec3:  # fmt: skip
+        sign = vec3(real(1.0), real(1.0), real(1.0))
+        if wp.static(mirror):
+            at, sign = front(at, low, high, sticky)
+        place = dx * vec3(real(at[0]), real(at[1]), real(at[2]))
+        return wp.cw_mul(sign, hold(wp.cw_mul(sign, a), place, row, sdf, ws))
+
+    return held
 
 
 @lru_cache
 def make_free(v: Variant) -> wp.Function:
     """Warp function: velocity of a node before the walls, after the first pass."""
-    vec3, node_t, sharpen = v.vec3, v.node_t, v.scheme.sharpen
+    vec3, node_t, sharpen, held = v.vec3, v.node_t, v.scheme.sharpen, len(v.held) > 0
     sharpened = make_sharpening(v).sharpened if sharpen else None
 
     @wp.func(module="unique")
     def free(
-        acc: wp.array[node_t], sigma: wp.array[node_t], o: wp.int32, base: wp.int32, at: wp.vec3i, n: wp.vec3i
+        acc: wp.array[node_t], load: wp.array[node_t], sigma: wp.array[node_t],
+        o: wp.int32, base: wp.int32, at: wp.vec3i, n: wp.vec3i,
     ) -> vec3:  # fmt: skip
         a = acc[o]
+        if wp.static(held):
+            a = load[o]
         u = vec3(a[0] + a[4], a[1] + a[5], a[2] + a[6])
         if wp.static(sharpen):
             u += sharpened(acc, acc, sigma, base, at, n) / a[3]
@@ -108,6 +152,7 @@ def _make_move(v: Variant) -> wp.Kernel:
         grid: wp.array[node_t],  # momentum, mass, impulse   in, and cleared for the next step
         lanes: wp.int32,
         acc: wp.array[node_t],  # of ``divide``; in one pass unused
+        load: wp.array[node_t],  # likewise
         sigma: wp.array[node_t],  # of ``cells``, with sharpening
         row: wp.array2d[wall_t],  # (steps, walls)
         sdf: wp.array[real],
@@ -141,7 +186,7 @@ def _make_move(v: Variant) -> wp.Kernel:
             if wp.static(two_passes):
                 a = acc[o]
                 v0 = vec3(a[0], a[1], a[2])
-                u = free(acc, sigma, o, base, at, n)
+                u = free(acc, load, sigma, o, base, at, n)
             else:
                 v0 = vec3(r[0], r[1], r[2]) / m
                 u = v0 + vec3(r[4], r[5], r[6]) / m + g

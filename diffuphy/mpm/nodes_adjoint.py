@@ -3,7 +3,8 @@
 With bars for ∂loss/∂ and y = g̅/m, g̅ = contactᵀ v̄,
 
     walls      v̄⁰ ← v̄⁰ + g̅,  ā* = g̅
-    sharpen    ā = g̅ + S y,   m̄ = −(a* − a)·y + Σ_edges,cells (∂weight/∂m) (∇a : ∇y)        S is its own transpose
+    sharpen    c̄ = S y,   m̄ = −(a* − a)·y + Σ_edges,cells (∂weight/∂m) (∇c : ∇y)            S is its own transpose
+    hold       ā = g̅ + Πᵀ c̄
     divide     q̄ = v̄⁰/m,  f̄ = ā/m,  m̄ ← m̄ − (v̄⁰·v⁰ + ā·f/m)/m,   ḡ ← ḡ + k Σ σ ā
     reflect    the same reflection
 """
@@ -14,7 +15,7 @@ import warp as wp
 
 from diffuphy.mpm.boundary import DAMPING, make_contact
 from diffuphy.mpm.mirror import make_reflection
-from diffuphy.mpm.nodes import make_free
+from diffuphy.mpm.nodes import make_free, make_left
 from diffuphy.mpm.places import make_places
 from diffuphy.mpm.sharpen import make_sharpening
 from diffuphy.mpm.variant import Variant
@@ -47,6 +48,7 @@ def _make_move_adjoint(v: Variant) -> wp.Kernel:
     @wp.kernel(module="unique", enable_backward=False)
     def move_adjoint(
         acc: wp.array[node_t],
+        load: wp.array[node_t],
         sigma: wp.array[node_t],
         bar: wp.array[node_t],  # (scenes · lanes · nodes,) of the velocities after and before the step; cleared
         lanes: wp.int32,
@@ -76,7 +78,7 @@ def _make_move_adjoint(v: Variant) -> wp.Kernel:
             g, e_bar = vec3(b[0], b[1], b[2]), vec4()
             if wp.static(has_walls):
                 at = index(o - base, n)
-                u = free(acc, sigma, o, base, at, n)
+                u = free(acc, load, sigma, o, base, at, n)
                 place = dx * vec3(real(at[0]), real(at[1]), real(at[2]))
                 e = vec4()
                 if wp.static(elastic):
@@ -103,11 +105,13 @@ def _make_divide_adjoint(v: Variant) -> wp.Kernel:
     index, seen, sparse = make_places().index, make_reflection(v).seen, v.sparse
     sharpened = make_sharpening(v).sharpened if sharpen else None
     of_mass = make_sharpening(v).of_mass if sharpen else None
+    held, left_adjoint, wall_t = len(v.held) > 0, make_left(v).left_adjoint, make_contact(v.walls, real).wall_t
 
     @wp.kernel(module="unique", enable_backward=False)
     def divide_adjoint(
         acc: wp.array[node_t],
-        sigma: wp.array[node_t],  # of a, from ``cells``
+        load: wp.array[node_t],
+        sigma: wp.array[node_t],  # of c, from ``cells``
         y: wp.array[node_t],
         sigma_y: wp.array[node_t],  # from ``cells_adjoint``
         n: wp.vec3i,
@@ -117,6 +121,10 @@ def _make_divide_adjoint(v: Variant) -> wp.Kernel:
         low: wp.vec3i,
         high: wp.vec3i,
         sticky: wp.vec3i,
+        row: wp.array2d[wall_t],
+        sdf: wp.array[real],
+        ws: wp.int32,
+        dx: real,
         start: wp.int32,
         active: wp.array[wp.int32],  # rows that are worked on, only if sparse
         out: wp.array[node_t],  # (scenes · nodes,) of momentum, mass and impulse   out
@@ -141,7 +149,11 @@ def _make_divide_adjoint(v: Variant) -> wp.Kernel:
             y_o = vec3(b[4], b[5], b[6])
             a_bar, m_bar = m * y_o, real(0.0)
             if wp.static(sharpen):
-                a_bar += sharpened(acc, y, sigma_y, base, at, n)
+                c_bar = sharpened(acc, y, sigma_y, base, at, n)
+                if wp.static(held):
+                    a = load[o]
+                    c_bar = left_adjoint(c_bar, at, low, high, sticky, dx, row, sdf, ws)
+                a_bar += c_bar
                 m_bar = of_mass(acc, y, sigma_y, base, at, n) - wp.dot(sharpened(acc, acc, sigma, base, at, n), y_o) / m
             m_bar -= (wp.dot(v0_bar, v0) + wp.dot(a_bar, vec3(a[4], a[5], a[6]) - g)) / m
             q_bar, f_bar = v0_bar / m, a_bar / m

@@ -45,12 +45,13 @@ def _grid(b: Bound, sums: Sums | None) -> Phases:
     phases = []
     if v.two_passes:
         phases.append(args.record(k.divide, b.nodes, [
-            b.grid, args.lanes.copies, b.n, args.gravity, b.steps, 0, *b.planes, 0, b.active, b.acc,
+            b.grid, args.lanes.copies, b.n, args.gravity, b.steps, 0, *b.planes, 0, b.active,
+            b.walls, args.sdf, 0, b.dx, b.acc, b.load,
         ]))  # fmt: skip
     if sums is not None and sums.expected_dv is not None:
         dv = args.view(sums.expected_dv, v.vec3)
         phases.append(args.record(
-            make_gather(v).add_forces, b.particles, [a.X, a.u, b.acc, b.low, b.dx, b.n, 0, 0, dv]
+            make_gather(v).add_forces, b.particles, [a.X, a.u, b.load, b.low, b.dx, b.n, 0, 0, dv]
         ))  # fmt: skip
     if v.scheme.sharpen:
         phases.append(args.record(make_sharpening(v).cells, b.nodes, [b.acc, b.n, 0, b.active, b.sigma]))
@@ -58,7 +59,7 @@ def _grid(b: Bound, sums: Sums | None) -> Phases:
     if v.measures and (sums is None or sums.nodal is None):  # a kernel that measures needs a place to put it
         impulse = args.nodal("impulse", b.span.grid.nodes * args.lanes.scenes, v.vec3)
     phases.append(args.record(k.move, b.nodes, [
-        b.grid, args.lanes.copies, b.acc, b.sigma, b.walls, args.sdf, 0, b.n, b.dx, args.gravity, b.steps, 0, 0,
+        b.grid, args.lanes.copies, b.acc, b.load, b.sigma, b.walls, args.sdf, 0, b.n, b.dx, args.gravity, b.steps, 0, 0,
         b.active, b.grid_v, impulse,
     ]))  # fmt: skip
     return phases
@@ -88,7 +89,7 @@ def backward(b: Bound, bars: Bars, needs: Needs, flowed: tuple[wp.array, wp.arra
     # gradients of walls are summed over nodes into one row, which two threads must not write at once
     there = b.nodes if bars.walls is None else alone(b.nodes)
     phases.append(args.record(nodes.move_adjoint, there, [
-        b.acc, b.sigma, bar, lanes.copies, b.walls, args.sdf, 0, b.n, b.dx, b.steps, 0, 0, b.active, y,
+        b.acc, b.load, b.sigma, bar, lanes.copies, b.walls, args.sdf, 0, b.n, b.dx, b.steps, 0, 0, b.active, y,
         args.view(bars.omega, v.real), rows, bars.walls is not None,
     ]))  # fmt: skip
     sigma_y = args.nodal("sigma_y", count if v.scheme.sharpen else 1, v.node_t)
@@ -96,8 +97,8 @@ def backward(b: Bound, bars: Bars, needs: Needs, flowed: tuple[wp.array, wp.arra
         phases.append(args.record(nodes.cells_adjoint, b.nodes, [b.acc, y, b.n, 0, b.active, sigma_y]))
     gravity = args.view(bars.gravity, v.vec3)
     phases.append(args.record(nodes.divide_adjoint, b.nodes, [
-        b.acc, b.sigma, y, sigma_y, b.n, args.gravity, b.steps, 0, *b.planes, 0, b.active, out, gravity,
-        bars.gravity is not None,
+        b.acc, b.load, b.sigma, y, sigma_y, b.n, args.gravity, b.steps, 0, *b.planes, b.walls, args.sdf, 0, b.dx, 0,
+        b.active, out, gravity, bars.gravity is not None,
     ]))  # fmt: skip
     if v.mirror:  # y has been read: it takes the image
         phases.append(args.record(nodes.reflect, b.nodes, [out, b.n, *b.planes, 0, b.active, y]))

@@ -121,8 +121,10 @@ class Solver:
         self.planes, walls = mirrors(boundaries, dx, extent) if scheme.mirror else (Mirrors(), tuple(boundaries))
         if not can_be_elastic(walls):
             scheme = dataclasses.replace(scheme, contact="rigid")
+        holding = (k for k, b in enumerate(walls) if b.kind != "separate" and k not in self.planes.walls)
         self.variant = Variant(
-            mixture, REAL[dtype], scheme, signature(walls, scheme.contact == "elastic"), self.planes.any,
+            mixture, REAL[dtype], scheme, signature(walls, scheme.contact == "elastic"),
+            tuple(holding) if scheme.sharpen else (), self.planes.any,
             drive_signature(drives), body is not None, "impulse" in gather, grad or "expected_dv" in gather,
         )  # fmt: skip
         lanes = Lanes(scenes, particles, threads if self.device.type == "cpu" else 1)

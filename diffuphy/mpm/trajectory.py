@@ -22,7 +22,7 @@ log = logging.getLogger(__name__)
 class Simulate:
     """Plays the scene of the prompt's motion word with the object's particles."""
 
-    VERSION: ClassVar[int] = 4
+    VERSION: ClassVar[int] = 5
 
     seconds: float = 2.0
     """Length of the film in physical time [s]."""

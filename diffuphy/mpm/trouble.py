@@ -8,7 +8,7 @@ import torch
 
 from diffuphy.mpm.adjoint import Needs
 from diffuphy.mpm.clock import Clock
-from diffuphy.mpm.kernels import FAST, INVERTED, LEFT
+from diffuphy.mpm.kernels import FAST, INVERTED, LEFT, SQUEEZED
 from diffuphy.mpm.solver import Solver
 from diffuphy.mpm.span import Span
 from diffuphy.mpm.state import Bars, Matter, State
@@ -16,6 +16,10 @@ from diffuphy.types import SimulationDiverged
 
 GONE = "left every block of nodes"
 """What a particle did that got further in a frame than was to be foreseen."""
+
+
+FLAT = "was squeezed to nothing"
+"""What a particle did whose volume is lost in the rounding of its deformation."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +43,10 @@ def trouble_of(end: State, status: list[int], span: Span, left: bool = False) ->
     if status[INVERTED]:
         p = status[INVERTED] - 1
         det = float(torch.linalg.det(end.He[p].double() + torch.eye(3).to(end.He.device).double()))
-        must = "must be positive" if not det > 0.0 else f"must be positive after rounding to {end.He.dtype}"
-        return Trouble("was turned inside out (det F ≤ 0)", p, f"det F = {det:.4g}, {must}")
+        if not det > 0.0:
+            return Trouble("was turned inside out (det F ≤ 0)", p, f"det F = {det:.4g}, must be positive")
+        least = SQUEEZED * torch.finfo(end.He.dtype).eps
+        return Trouble(FLAT, p, f"det F = {det:.4g}, at least {least:.2g}, of which {end.He.dtype} knows 1 %")
     if status[FAST]:
         p = status[FAST] - 1
         cells = float(end.v[p].norm()) * span.dt / span.grid.dx
@@ -75,6 +81,8 @@ def blame(clock: Clock, start: State, matter: Matter, span: Span, frame: int, kn
     courant = span.dt * (c + (speed if math.isfinite(speed) else before)) / span.grid.dx
     if found.what == GONE:
         remedy = "raise fps, so that blocks are made for the speeds of a shorter time, or keep it in with walls"
+    elif found.what == FLAT:
+        remedy = "no law stops it at that speed: slow it down or make it stiffer"
     elif clock.dt is not None:
         remedy = f"lower dt below {span.dt:.3g} s, or leave it out"
     else:

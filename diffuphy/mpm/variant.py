@@ -28,6 +28,9 @@ class Variant:
     """Transfer and time integration."""
     walls: Signature = ()
     """From ``boundary.signature``."""
+    held: tuple[int, ...] = ()
+    """Numbers of the walls that take their part of the acceleration before it is sharpened: those that hold always and
+    set their nodes. A mirror does so by itself."""
     mirror: bool = False
     """Whether some wall reflects."""
     drives: Signature = ()

@@ -19,6 +19,7 @@ def loss_lines(components: Mapping[str, Any]) -> list[Line]:
 
     return [
         Line.kept("video SDS", bool(fit.steps), "it trains the material", "material.steps=0", other("steps")),
+        *(clip_lines(fit) if fit.steps else ()),
         Line.kept("gradient", bool(fit.steps), "training goes back through the simulation",
                   "nothing is trained: no adjoint kernel, no state kept"),
         Line("velocity loss", velocity.form, f"weight {velocity.weight:g}")
@@ -31,11 +32,48 @@ def loss_lines(components: Mapping[str, Any]) -> list[Line]:
     ]  # fmt: skip
 
 
+def clip_lines(fit: Any) -> list[Line]:
+    """What a step looks at, and what is kept of it for the way back."""
+    takes, total = fit.takes, fit.probe.frames
+    block = f"{takes.shown(total)} of {total} frames"
+    frames = {
+        "all": f"all {total} frames",
+        "consecutive": f"{block}, blocks in turn",
+        "strided": f"{block}, every {takes.stride}th",
+        "window": f"{block}, from a random start",
+    }[takes.frames]
+    camera = "one camera" if takes.views == 1 else f"one of {takes.views} cameras"
+    background = {"own": "its own", "white": "a white", "random": "a random"}[takes.background]
+    whole = not getattr(fit.guidance, "frames_alone", False)
+    return [
+        Line("clip of a step", frames, f"{camera}, {background} background"),
+        Line(
+            "graph of the clip", "autoencoder alone", "the prior encodes clips whole; frames are drawn again one by one"
+        )
+        if whole
+        else Line("graph of the clip", "left out", "frames are drawn and encoded again one by one"),
+    ]
+
+
 def model_lines(components: Mapping[str, Any]) -> list[Line]:
-    """Weights that are loaded."""
-    backends = {type(components[s].guidance).__name__ for s in ("gaussians", "material")}
-    heavy = sorted(backends - {"Analytic"})
-    if heavy:
-        return [Line("diffusion models", ", ".join(heavy), "asked for by guidance; what they take is not predicted")]
-    why = "guidance is the embedded prior, which needs none"
-    return [Line("diffusion models", "left out", why)]
+    """Weights that are loaded, and the memory that they and their work take."""
+    pictures, clips = components["gaussians"], components["material"]
+    lines = []
+    if type(pictures.guidance).__name__ != "Analytic":
+        lines.append(_model_line(pictures.guidance, pictures.views, "pictures"))
+    if type(clips.guidance).__name__ != "Analytic":
+        lines.append(_model_line(clips.guidance, clips.probe.frames, "frames"))
+    if (shape := getattr(pictures, "shape", None)) is not None:
+        lines.append(_model_line(shape.guidance, shape.copies, "clouds"))
+    return lines or [Line("diffusion models", "left out", "guidance is the embedded prior, which needs none")]
+
+
+def _model_line(guidance: Any, count: int, what: str) -> Line:
+    name = type(guidance).__name__
+    if not hasattr(guidance, "footprint"):
+        return Line("diffusion model", name, "asked for by guidance; what it takes is not predicted")
+    try:
+        footprint = guidance.footprint(count)
+    except FileNotFoundError as missing:
+        return Line("diffusion model", name, str(missing))
+    return Line("diffusion model", name, f"{count} {what} at a time: {footprint.parts}", megabytes=footprint.peak / 1e6)

@@ -18,12 +18,30 @@ def object_lines(components: Mapping[str, Any]) -> list[Line]:
                   would={"gaussians": dataclasses.replace(fit, sh_degree=3)})
     )  # fmt: skip
     return [
+        *distillation_lines(fit),
         harmonics,
+        shape_line(fit),
         Line.kept("densification", fit.densify is not None, "more Gaussians where the loss still pulls",
                   "fit.densify=null"),
         Line.kept("interior fill", sample.fill != "none", "distilled Gaussians are a shell; the inside needs particles",
                   "sample.fill=none", {"particles": dataclasses.replace(sample, fill="interior")}),
     ]  # fmt: skip
+
+
+def shape_line(fit: Any) -> Line:
+    """The prior of where points are."""
+    shape = getattr(fit, "shape", None)
+    if shape is None:
+        return Line("shape prior", "left out", "fit.shape=null: pictures alone say where matter is")
+    until = f"before step {shape.stop}" if isinstance(shape.stop, int) else f"in the first {shape.stop:.0%} of the run"
+    return Line("shape prior", type(shape.guidance).__name__, f"weight {shape.weight:g}, {until}")
+
+
+def distillation_lines(fit: Any) -> list[Line]:
+    """What is taken from the prior's answers; nothing of a component of somebody else's making."""
+    if not hasattr(fit, "estimator"):
+        return []
+    return [Line("score distillation", type(fit.estimator).__name__, f"w(t) = {fit.weight}, views a step: {fit.views}")]
 
 
 def film_lines(components: Mapping[str, Any]) -> list[Line]:

@@ -17,7 +17,8 @@ class Orbits:
     """A finite bank of cameras that look at the origin, spread evenly over a zone of a sphere.
 
     sin(elevation) is stratified (equal areas), azimuth follows the golden angle, both jittered by the seed. The bank is
-    finite so that a prior may remember what it has worked out for each camera.
+    finite so that a prior may remember what it has worked out for each camera. With ``ring`` = n the same is done with
+    rings of n cameras, 360°/n apart at one elevation, which are always drawn together.
     """
 
     bank: int = 48
@@ -30,6 +31,8 @@ class Orbits:
     """Field of view, horizontal and vertical [deg]."""
     distance: float = 3.4
     """From camera to origin [object units]; at 40° a ball of radius 1.16 fills the picture."""
+    ring: int = 1
+    """Cameras of a ring; 4 for a prior that judges four sides together, 1: every camera stands alone."""
     seed: int = 11
     """Of the jitter; another seed gives cameras that this one never saw."""
 
@@ -39,18 +42,23 @@ class Orbits:
             raise ValueError(f"elevation must be an increasing range inside (-90, 90) degrees, got {self.elevation}")
         if self.bank < 1 or self.size < 8:
             raise ValueError(f"bank must be at least 1 and size at least 8 px, got {self.bank} and {self.size}")
+        if self.ring < 1 or self.bank % self.ring:
+            raise ValueError(f"bank must be a multiple of ring ≥ 1, got {self.bank} and {self.ring}")
         if not 0 < self.fov < 180 or self.distance <= 0:
             raise ValueError(
                 f"fov must be in (0, 180) degrees and distance positive, got {self.fov} and {self.distance}"
             )
 
     def __call__(self) -> Camera:
-        """The bank, C = ``bank`` cameras."""
+        """The bank, C = ``bank`` cameras, ring after ring."""
+        rings = self.bank // self.ring
         g = torch.Generator().manual_seed(self.seed)
-        u = torch.rand(self.bank, 2, generator=g, dtype=torch.float64)
-        k = torch.arange(self.bank, dtype=torch.float64)
+        u = torch.rand(rings, 2, generator=g, dtype=torch.float64)
+        k = torch.arange(rings, dtype=torch.float64)
         lo, hi = (math.sin(math.radians(e)) for e in self.elevation)
-        elevation = torch.asin(lo + (hi - lo) * (k + u[:, 0]) / self.bank).rad2deg()
+        elevation = torch.asin(lo + (hi - lo) * (k + u[:, 0]) / rings).rad2deg()
         start = 360 * torch.rand((), generator=g, dtype=torch.float64)
-        azimuth = start + GOLDEN_ANGLE * k + 360 / self.bank * (u[:, 1] - 0.5)
-        return orbit(azimuth % 360, elevation, self.distance, fov=self.fov, width=self.size, height=self.size)
+        first = start + GOLDEN_ANGLE * k + 360 / rings * (u[:, 1] - 0.5)
+        azimuth = first[:, None] + 360 / self.ring * torch.arange(self.ring, dtype=torch.float64)
+        elevation = elevation.repeat_interleave(self.ring)
+        return orbit(azimuth.flatten() % 360, elevation, self.distance, fov=self.fov, width=self.size, height=self.size)

@@ -42,18 +42,29 @@ def das_literal(g: Tensor, tau_base: float, alpha: float) -> Tensor:
 def das_threshold(g: Tensor, tau_base: float, alpha: float, beta_max: float = 0.5) -> float:
     """The one threshold that eq. 3 amounts to, with the slope kept where the rule means what it says.
 
-    g* = ḡ + (τ_base − ḡ)/(1 − min(β, β_max)),   split where g ≥ g*
+    g* = ḡ + (τ_base − ḡ)/(1 − min(β, β_max)),   split where g ≥ g* (for β > 1 where g ≤ g*)
+    """
+    mean, slope = g.mean().item(), min(beta(g, tau_base, alpha), beta_max)
+    return mean + (math.copysign(math.inf, tau_base - mean) if slope == 1 else (tau_base - mean) / (1 - slope))
+
+
+def das_prose(g: Tensor, tau_base: float, alpha: float) -> float:
+    """The one threshold that the words around eq. 3 amount to: lower where the gradient is above the mean.
+
+    g_i ≥ τ_base (1 − α (g_i − ḡ)/(σ_g + ε))  ⇔  g_i ≥ ḡ + (τ_base − ḡ)/(1 + β),   pulled towards the mean, never
+    reversed.
     """
     mean = g.mean().item()
-    return mean + (tau_base - mean) / (1 - min(beta(g, tau_base, alpha), beta_max))
+    return mean + (tau_base - mean) / (1 + beta(g, tau_base, alpha))
 
 
 @dataclass(frozen=True)
 class AdaptiveSplitting:
     """When, which and how Gaussians are split, cloned and pruned."""
 
-    rule: Literal["das", "das_literal"] = "das"
-    """``das``: eq. 3 with τ_base relative to the mean gradient and β ≤ ½. ``das_literal``: eq. 3 as printed."""
+    rule: Literal["das", "das_literal", "das_prose"] = "das"
+    """``das``: eq. 3 with β ≤ ½, where it means what it says. ``das_literal``: eq. 3 as printed, reversed for β > 1.
+    ``das_prose``: eq. 3 with a minus sign, which allocates more to detailed areas, as the words around it promise."""
     alpha: float = 0.25
     """Sensitivity α of eq. 3; larger is more economical."""
     kappa: float = 1.5
@@ -76,8 +87,8 @@ class AdaptiveSplitting:
     """Gaussians more transparent than this are removed at every event."""
 
     def __post_init__(self) -> None:
-        if self.rule not in ("das", "das_literal"):
-            raise ValueError(f"rule must be 'das' or 'das_literal', got {self.rule!r}")
+        if self.rule not in ("das", "das_literal", "das_prose"):
+            raise ValueError(f"rule must be 'das', 'das_literal' or 'das_prose', got {self.rule!r}")
         if self.alpha < 0 or self.kappa <= 0 or (self.tau_base is not None and self.tau_base <= 0):
             raise ValueError(
                 f"alpha must be ≥ 0, kappa and tau_base > 0, got {self.alpha}, {self.kappa}, {self.tau_base}"
@@ -97,9 +108,19 @@ class AdaptiveSplitting:
         )
         return start <= step <= stop and (step - start) % max(1, every) == 0
 
+    def threshold(self, g: Tensor) -> float:
+        """g*, the one gradient that the rule amounts to."""
+        tau = self._tau(g)
+        if self.rule == "das_prose":
+            return das_prose(g, tau, self.alpha)
+        return das_threshold(g, tau, self.alpha, math.inf if self.rule == "das_literal" else 0.5)
+
+    def _tau(self, g: Tensor) -> float:
+        return self.tau_base if self.tau_base is not None else self.kappa * g.mean().item()
+
     def chosen(self, g: Tensor) -> tuple[Tensor, float]:
         """Mask of the Gaussians to split or clone, within the caps, and β."""
-        tau = self.tau_base if self.tau_base is not None else self.kappa * g.mean().item()
+        tau = self._tau(g)
         slope = beta(g, tau, self.alpha)
         if self.rule == "das_literal":
             if slope >= 1:
@@ -111,7 +132,7 @@ class AdaptiveSplitting:
                 )
             mask = das_literal(g, tau, self.alpha)
         else:
-            mask = g >= das_threshold(g, tau, self.alpha)
+            mask = g >= self.threshold(g)
         allowed = max(0, min(int(self.growth * len(g)), self.max_count - len(g)))
         if int(mask.sum()) > allowed:
             order = torch.where(mask, g, -torch.inf).argsort(descending=True, stable=True)
@@ -139,6 +160,7 @@ class AdaptiveSplitting:
             "pruned": int((~alive).sum()),
             "gaussians": len(params),
             "beta": slope,
+            "threshold": self.threshold(g),
         }
 
 

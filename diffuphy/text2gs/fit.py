@@ -7,14 +7,15 @@ from typing import Any, ClassVar, Literal
 import torch
 from torch import Tensor
 
-from diffuphy.losses import Constant, Exponential, Linear, Schedule, sds
+from diffuphy.losses import SDS, Constant, Estimator, Exponential, Linear, Schedule, sds
 from diffuphy.losses.guidance import Guidance
 from diffuphy.losses.sds import Weight
 from diffuphy.render import Rasteriser, Warp, orbit, render_gaussians
 from diffuphy.text2gs.cameras import Orbits
 from diffuphy.text2gs.densify import AdaptiveSplitting
-from diffuphy.text2gs.init import Ball, SurfaceCloud
+from diffuphy.text2gs.init import Ball, PointECloud, SurfaceCloud
 from diffuphy.text2gs.params import LearningRates, Parameters, clean
+from diffuphy.text2gs.shape_prior import ShapePrior
 from diffuphy.types import N_SH, Gaussians, Look
 from diffuphy.workspace import Workspace
 
@@ -36,8 +37,10 @@ class FitGaussians:
     """The prior; its layout must be "image" or "views"."""
     cameras: Orbits = field(default_factory=Orbits)
     """Bank of cameras to draw from, and their picture size."""
-    init: SurfaceCloud | Ball = field(default_factory=SurfaceCloud)
+    init: SurfaceCloud | Ball | PointECloud = field(default_factory=SurfaceCloud)
     """What to start from."""
+    shape: ShapePrior | None = None
+    """A prior of where the points are, beside that of what they look like; None leaves it out."""
     densify: AdaptiveSplitting | None = field(default_factory=AdaptiveSplitting)
     """When and where to add Gaussians; None keeps their number."""
     rates: LearningRates = field(default_factory=LearningRates)
@@ -56,6 +59,8 @@ class FitGaussians:
     """Upper end: large times settle which object it is, small ones its details (+0.3 dB against no annealing)."""
     weight: Weight = "sigma2"
     """w(t) of the estimator."""
+    estimator: Estimator = field(default_factory=SDS)
+    """What is taken from the prior's answer (``losses.estimators``)."""
     background: Literal["random", "white"] = "random"
     """Colour behind the object: white and a random colour in turn by chance, which no transparent haze can match; or
     white."""
@@ -90,12 +95,21 @@ class FitGaussians:
             raise ValueError(
                 f"steps must be ≥ 1 and views in [1, {self.cameras.bank}], got {self.steps} and {self.views}"
             )
+        together = getattr(self.guidance, "together", 1)
+        if self.views % self.cameras.ring or self.cameras.ring % together:
+            raise ValueError(
+                f"fit.views must be a multiple of fit.cameras.ring, and that of the {together} views that the prior "
+                f"judges together, got {self.views} and {self.cameras.ring}; set both to {together}"
+            )
+        self.estimator.check(self.guidance)
 
     def __call__(self, look: Look, *, work: Workspace | None = None) -> Gaussians:
         """Fit Gaussians to ``look``. Interrupted and called again with the same workspace, it gives the same bits."""
         work = work or Workspace()
         run = _Run.restored(work.load(), work.device) or _Run.started(self, look, work.device)
         bank = self.cameras().to(work.device)
+        if self.shape is not None and self.shape.acts(run.step, self.steps):
+            self.shape.prepare(look, work.device)
         bar = work.bar(self.steps, "gaussians", initial=run.step)
 
         while run.step < self.steps:
@@ -104,15 +118,16 @@ class FitGaussians:
             if step % self.preview_every == 0:
                 self._preview(work, run)
 
-            camera = bank[run.next_views(self.views, len(bank))]
+            camera = bank[run.next_views(self.views, len(bank), self.cameras.ring)]
             background = self._background(g).to(work.device)
             picture = render_gaussians(params.gaussians(), camera, background=background, backend=self.backend).rgb
             cond = self.guidance.condition(look, camera, background, generator=g)
             t = self._times(step, g).to(work.device)
-            loss = sds(self.guidance, picture, cond, t=t, generator=g, weight=self.weight)
+            loss = sds(self.guidance, picture, cond, t=t, generator=g, weight=self.weight, estimator=self.estimator)
             loss.backward()
 
             run.observe()
+            shape = self._shape(look, run)
             params.step(self.rates, self.decay(step, self.steps), opaque=self.opaque)
             params.project(max_scale=self.max_scale, max_ratio=self.max_ratio)
             run.step += 1
@@ -121,7 +136,8 @@ class FitGaussians:
                 run.forget_gradients()
                 work.log(run.step, event="densify", **counts)
             if step % self.preview_every == 0:
-                work.log(run.step, sds=loss.item(), gaussians=len(params), t_max=self.t_max(step, self.steps))
+                scalars = {"sds": loss.item(), **shape, "t_max": self.t_max(step, self.steps)}
+                work.log(run.step, gaussians=len(params), **scalars)
             bar.update()
             if work.due():
                 work.save(run.state())
@@ -134,6 +150,18 @@ class FitGaussians:
         work.log(run.step, event="clean", gaussians=len(gaussians), **removed)
         log.info("%d Gaussians after %d steps; removed %s", len(gaussians), self.steps, removed)
         return gaussians
+
+    def _shape(self, look: Look, run: "_Run") -> dict[str, float]:
+        """Add the gradient of the shape prior, if it acts, to those of the pictures; its value, for the log.
+
+        Eq. 2 has means over views where the pictures' gradient is a sum, hence the factor; it comes after ``observe``,
+        since densification looks at the pictures' gradient alone (§3.3).
+        """
+        if self.shape is None or not self.shape.acts(run.step, self.steps):
+            return {}
+        loss = self.shape.loss(run.params.gaussians(), look, run.generator)
+        (self.views * loss).backward()
+        return {"shape": loss.item()}
 
     # ------------------------------------------------------------------ what is drawn at random
     def _background(self, g: torch.Generator) -> Tensor:
@@ -168,7 +196,7 @@ class _Run:
     @classmethod
     def started(cls, fit: FitGaussians, look: Look, device: str) -> "_Run":
         g = torch.Generator().manual_seed(fit.seed)
-        return cls(Parameters(fit.init(look, fit.guidance, g, fit.sh_degree).to(device)), g)
+        return cls(Parameters(fit.init(look, fit.guidance, g, fit.sh_degree, device=device).to(device)), g)
 
     @classmethod
     def restored(cls, state: dict[str, Any] | None, device: str) -> "_Run | None":
@@ -190,10 +218,11 @@ class _Run:
             "seen": self.seen,
         }
 
-    def next_views(self, views: int, bank: int) -> Tensor:
-        """Indices of the next cameras: a shuffled bank, dealt out until too few are left."""
+    def next_views(self, views: int, bank: int, ring: int) -> Tensor:
+        """Indices of the next cameras: a bank shuffled ring by ring, dealt out until too few are left."""
         if len(self.order) < views:
-            self.order = torch.randperm(bank, generator=self.generator)
+            rings = torch.randperm(bank // ring, generator=self.generator)
+            self.order = (ring * rings[:, None] + torch.arange(ring)).flatten()
         drawn, self.order = self.order[:views], self.order[views:]
         return drawn
 

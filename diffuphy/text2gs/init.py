@@ -1,15 +1,19 @@
-"""What the optimisation starts from."""
+"""What the optimisation starts from. ``device`` is where a network works, if one is asked; the start is on the CPU."""
 
+import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import torch
 from torch import Tensor
 
 from diffuphy.render.sh import from_rgb
 from diffuphy.text2gs.params import nearest_distance
-from diffuphy.types import N_SH, Gaussians, Look
+from diffuphy.text2gs.shape_prior import four_sides
+from diffuphy.types import N_SH, Camera, Gaussians, Look
+
+Device = torch.device | str
 
 
 @dataclass(frozen=True)
@@ -26,7 +30,9 @@ class Ball:
     def __post_init__(self) -> None:
         _check(self.count, self.opacity)
 
-    def __call__(self, look: Look, guidance: Any, generator: torch.Generator, sh_degree: int = 0) -> Gaussians:
+    def __call__(
+        self, look: Look, guidance: Any, generator: torch.Generator, sh_degree: int = 0, *, device: Device = "cpu"
+    ) -> Gaussians:
         d = torch.randn(self.count, 3, generator=generator)
         r = self.radius * torch.rand(self.count, 1, generator=generator) ** (1 / 3)
         return cloud(d / d.norm(dim=1, keepdim=True) * r, None, self.opacity, sh_degree)
@@ -53,13 +59,66 @@ class SurfaceCloud:
         if self.noise < 0:
             raise ValueError(f"noise must not be negative, got {self.noise}")
 
-    def __call__(self, look: Look, guidance: Any, generator: torch.Generator, sh_degree: int = 0) -> Gaussians:
+    def __call__(
+        self, look: Look, guidance: Any, generator: torch.Generator, sh_degree: int = 0, *, device: Device = "cpu"
+    ) -> Gaussians:
         library: Any = getattr(guidance, "references", None)
         if not hasattr(library, "object"):
             return Ball(self.count, opacity=self.opacity)(look, guidance, generator, sh_degree)
         points, colours = library.object(look).surface(self.count, generator)
         points = points.float() + self.noise * torch.randn(self.count, 3, generator=generator)
         return cloud(points, colours.float() if self.coloured else None, self.opacity, sh_degree)
+
+
+class CloudSampler(Protocol):
+    """A prior that draws clouds of an object, as Point-E does."""
+
+    @property
+    def count(self) -> int:
+        """Points of a cloud."""
+        ...
+
+    def sample(
+        self, words: Look, camera: Camera, generator: torch.Generator, device: Device = "cpu"
+    ) -> tuple[Tensor, Tensor]:
+        """Positions (n, 3) and rgb (n, 3) in [0, 1]; the object faces +x, z is up."""
+        ...
+
+
+@dataclass(frozen=True)
+class PointECloud:
+    """A cloud that a point prior draws for the words, or for pictures of the object: the start of DiffuPhyGS (§3.3).
+
+    It is drawn by a copy of the prior, which is freed with its networks.
+    """
+
+    prior: CloudSampler
+    """Who draws it: ``losses.guidance.point_e.PointE``. Its painter, if any, shows it the object from four sides."""
+    length: float = 2.0
+    """Longest side of the cloud [object units]; the object is 2 long."""
+    opacity: float = 0.8
+    """gsgen's."""
+    coloured: bool = True
+    """Start from the cloud's colours instead of grey."""
+
+    def __post_init__(self) -> None:
+        _check(1, self.opacity)
+        if self.length <= 0:
+            raise ValueError(f"length must be positive, got {self.length}")
+
+    @property
+    def count(self) -> int:
+        """Number of Gaussians to start with."""
+        return self.prior.count
+
+    def __call__(
+        self, look: Look, guidance: Any, generator: torch.Generator, sh_degree: int = 0, *, device: Device = "cpu"
+    ) -> Gaussians:
+        prior = dataclasses.replace(self.prior) if dataclasses.is_dataclass(self.prior) else self.prior  # type: ignore[type-var]
+        points, colours = (x.cpu() for x in prior.sample(look, four_sides(), generator, device))
+        low, high = points.aminmax(dim=0)
+        points = (points - (low + high) / 2) * (self.length / (high - low).max())
+        return cloud(points, colours if self.coloured else None, self.opacity, sh_degree)
 
 
 def cloud(points: Tensor, colours: Tensor | None, opacity: float, sh_degree: int) -> Gaussians:

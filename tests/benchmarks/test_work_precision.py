@@ -169,7 +169,7 @@ def test_case_without_its_reference_is_left_out_with_how_to_make_it(monkeypatch,
 def test_cases_hold_the_same_matter_at_every_resolution(case):
     """Σ vol does not depend on the grid, except along what is n cells thin; steps fill the time."""
     masses = [float(case.build(n, 2).body.vol.sum()) for n in case.resolutions]
-    thin = {"W1": 2, "W3": 1, "W5": 1}.get(case.id, 0)  # so many sides are a fixed number of cells
+    thin = {"W1": 2, "W1b": 2, "W3": 1, "W5": 1}.get(case.id, 0)  # so many sides are a fixed number of cells
     for n, m in zip(case.resolutions, masses, strict=True):
         assert m * n**thin == pytest.approx(masses[0] * case.resolutions[0] ** thin, rel=1e-9)
     p = case.build(case.resolutions[0], 2)

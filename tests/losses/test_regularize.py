@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from diffuphy.losses.regularize import gate_entropy, log_prior, total_variation
+from diffuphy.losses.regularize import gate_entropy, log_prior, spread, total_variation
 
 
 def chain(n):
@@ -61,3 +61,9 @@ def test_log_prior_refuses_what_has_no_logarithm():
         log_prior(torch.tensor([0.0, 1.0]), 1.0)
     with pytest.raises(ValueError, match="positive"):
         log_prior(torch.tensor([1.0]), 1.0, decades=0.0)
+
+
+def test_spread_is_the_mean_variance_inside_regions():
+    """Regions {0, 2} and {5, 5}: variances 1 and 0."""
+    values, labels = torch.tensor([0.0, 2.0, 5.0, 5.0]), torch.tensor([0, 0, 1, 1])
+    assert float(spread(values, labels)) == pytest.approx(0.5)

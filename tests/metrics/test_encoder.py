@@ -9,6 +9,7 @@ from diffuphy.metrics.i3d import I3D, InceptionI3d, same
 from diffuphy.metrics.language import clipsim, front_everywhere, janus
 from diffuphy.metrics.videomae import VideoMAE
 from tests import tiny_models as tiny
+from tests.models import hub
 
 
 @pytest.fixture(scope="module")
@@ -86,10 +87,8 @@ def test_absent_weights_have_a_reason_and_a_remedy(encoder, monkeypatch, tmp_pat
     assert encoder.missing() is None
     assert "hf download timm/vit_base_patch32_clip_224.openai" in OpenClip().missing()
     assert "there is no folder" in OpenClip(str(tmp_path / "none")).missing()
-    assert "holds none of" in OpenClip(str(tmp_path)).missing()
-    snapshot = tmp_path / "models--timm--vit_base_patch32_clip_224.openai" / "snapshots" / "0123"
-    snapshot.mkdir(parents=True)
-    (snapshot / "open_clip_model.safetensors").touch()
+    assert "holds no open_clip_model.safetensors" in OpenClip(str(tmp_path)).missing()
+    hub.cached(tmp_path, OpenClip().repo, {"open_clip_model.safetensors": (2).to_bytes(8, "little") + b"{}"})
     assert OpenClip().missing() is None
 
 

@@ -51,6 +51,12 @@ CORNER = (
     HalfSpace(kind="sticky", point=(0.0, 0.39, 0.0), normal=(0.0, -1.0, 0.0)),
 )
 """Three mirrors, one of them sticky and above the body, with their edges and their corner."""
+BESIDE_MIRRORS = (
+    HalfSpace(kind="slip"),
+    HalfSpace(kind="slip", point=(0.15, 0.0, 0.0), normal=(1.0, 0.0, 0.1)),
+    HalfSpace(kind="sticky", point=(0.0, 0.39, 0.0), normal=(0.0, -1.0, 0.2)),
+)
+"""A mirror, and walls across it that set their nodes, and so those of its images."""
 MOVING = (
     HalfSpace(friction=0.3, velocity=(0.1, 0.0, 0.05)),
     HalfSpace(point=(0.12, 0.0, 0.0), normal=(1.0, 0.0, 0.2), kind="slip", start=0.002, velocity=(0.2, 0.0, 0.1)),
@@ -67,6 +73,7 @@ DRIVES = (
 CASES = {
     "plain": dataclasses.replace(SCENE, scheme=Scheme.mls()),
     "mirrors": dataclasses.replace(SCENE, boundaries=CORNER, spin=(1.0, 8.0, -5.0)),
+    "beside mirrors": dataclasses.replace(SCENE, boundaries=BESIDE_MIRRORS, spin=(1.0, 8.0, -5.0)),
     "apic": dataclasses.replace(SCENE, scheme=Scheme.apic()),
     "cubic classic": dataclasses.replace(SCENE, scheme=Scheme(order=3, force="classic")),
     "cubic mls": dataclasses.replace(SCENE, scheme=Scheme(order=3)),

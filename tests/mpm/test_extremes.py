@@ -3,6 +3,7 @@ wrong (``docs/verification.md``, part D)."""
 
 import dataclasses
 import math
+import re
 import warnings
 
 import pytest
@@ -66,6 +67,23 @@ def test_d5_a_body_thrown_at_its_centre_does_not_turn_inside_out(dtype, law):
     J = torch.stack([det(s.F) for s in simulate(dataclasses.replace(FREE, fps=400.0, frames=6), x, vol, f, velocity=v)])
     assert bool(torch.isfinite(J).all()) and float(J.min()) > 0.0
     assert float(J.min()) < 0.75  # it was squeezed
+
+
+@BOTH
+def test_d5_a_body_without_volume_is_refused(dtype):
+    """Thrown at its centre at 6000 times its waves nothing stops it until J < 64 ε, where F = I + H is rounded to ε/2
+    and its volume to 1 %, although −ln J is finite. The message has particle, substep, time, det F and the bound."""
+    x, vol = block((2, 2, 2), DX, (0.013, 0.021, 0.337), dtype=dtype)
+    v = -1e6 * (x - x.mean(0))
+    scene = dataclasses.replace(FREE, fps=1e6 / 8, frames=4)
+    words = (
+        r"particle \d+ was squeezed to nothing in frame \d \(substep \d+ of \d+, t = \S+ s\): det F = (\S+), at least"
+    )
+    with pytest.raises(SimulationDiverged, match=words) as found:
+        list(simulate(scene, x, vol, field(len(x), E=1e4, dtype=dtype), velocity=v, dt=2e-8))
+    J = float(re.search(words, str(found.value))[1])
+    assert 0.0 < J <= 1.001 * 64 * torch.finfo(dtype).eps  # printed with four digits
+    assert "slow it down or make it stiffer" in str(found.value)
 
 
 @BOTH

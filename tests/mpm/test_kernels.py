@@ -129,11 +129,10 @@ ELASTIC = ("neo_hookean", "fixed_corotated", "hencky")
 
 @pytest.mark.parametrize(("real", "elastic"), [(wp.float32, False), (wp.float64, False), (wp.float32, True)])
 def test_the_default_scheme_compiles_for_cuda(elastic, real, compiled):
-    """Forward, backward and gathering, with a floor and a mirror; films are made with elastic contact."""
-    walls = signature((HalfSpace(friction=0.5),), elastic)
-    v = variant(
-        real=real, scheme=Scheme(contact="elastic" if elastic else "rigid"), walls=walls, mirror=True, twice=True
-    )
+    """Forward, backward and gathering, with a floor, a mirror and a ball that holds; films are made with elastic
+    contact."""
+    walls, scheme = signature(WALLS, elastic), Scheme(contact="elastic" if elastic else "rigid")
+    v = variant(real=real, scheme=scheme, walls=walls, held=(1,), mirror=True, twice=True)
     compiled([*forward(v), *backward(v), *of(make_gather(v))])
 
 

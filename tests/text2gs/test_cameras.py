@@ -48,6 +48,17 @@ def test_seed_decides_the_bank():
     assert not torch.equal(Orbits(seed=1)().viewmats, Orbits(seed=2)().viewmats)
 
 
+def test_rings_are_cameras_all_round_at_one_elevation():
+    """Four consecutive cameras 90° apart; rings have the elevations and first azimuths of as many single cameras."""
+    orbits = Orbits(bank=48, ring=4)
+    x = positions(orbits()).unflatten(0, (12, 4))
+    azimuth = torch.atan2(x[..., 1], x[..., 0]).rad2deg()
+    turned = (azimuth - azimuth[:, :1]) % 360
+    torch.testing.assert_close(turned, torch.tensor([0.0, 90.0, 180.0, 270.0]).expand(12, 4), atol=1e-3, rtol=0)
+    torch.testing.assert_close(x[..., 2], x[:, :1, 2].expand(12, 4), atol=1e-6, rtol=0)
+    torch.testing.assert_close(x[:, 0], positions(Orbits(bank=12)()), atol=1e-5, rtol=0)
+
+
 def test_projection_follows_the_field_of_view():
     """A point at half the field of view falls on the border of the picture; +x looks at the front, +y is to its
     right."""
@@ -65,7 +76,10 @@ def test_view_words_name_the_side():
     assert words == ("front view", "front view", "side view", "side view", "back view", "overhead view")
 
 
-@pytest.mark.parametrize("wrong", [{"elevation": (75.0, -15.0)}, {"bank": 0}, {"fov": 180.0}, {"distance": 0.0}])
+@pytest.mark.parametrize(
+    "wrong",
+    [{"elevation": (75.0, -15.0)}, {"bank": 0}, {"bank": 6, "ring": 4}, {"ring": 0}, {"fov": 180.0}, {"distance": 0.0}],
+)
 def test_impossible_orbits_are_refused(wrong):
     with pytest.raises(ValueError, match="got"):
         Orbits(**wrong)

@@ -6,7 +6,7 @@ import warnings
 import pytest
 import torch
 
-from diffuphy.text2gs.densify import AdaptiveSplitting, beta, das_literal, das_threshold, rotate
+from diffuphy.text2gs.densify import AdaptiveSplitting, beta, das_literal, das_prose, das_threshold, rotate
 from diffuphy.text2gs.params import LearningRates, Parameters, clean
 from diffuphy.types import Gaussians
 
@@ -75,6 +75,34 @@ def test_reversal_warns_and_the_default_cannot_reverse():
         warnings.simplefilter("error")
         mask, slope = AdaptiveSplitting(alpha=3.0, growth=1.0, max_count=10**6).chosen(g)
     assert slope > 1 and mask.any() and g[mask].min() > g[~mask].max()
+
+
+@pytest.mark.parametrize("wanted", [0.1, 0.9, 5.0])
+def test_the_rule_of_the_prose_splits_more_where_gradients_are_large(wanted):
+    """g_i ≥ τ_base (1 − α z_i) ⇔ g_i ≥ ḡ + (τ_base − ḡ)/(1 + β): nearer to ḡ than τ_base for any β, hence more splits
+    than the vanilla rule when τ_base > ḡ, and never the smallest gradients."""
+    g = gradients()
+    for tau in (0.7 * g.mean().item(), 1.6 * g.mean().item()):
+        alpha = wanted * g.std(correction=0).item() / tau
+        threshold = das_prose(g, tau, alpha)
+        z = (g - g.mean()) / g.std(correction=0)
+        assert torch.equal(g >= tau * (1 - alpha * z), g >= threshold)
+        assert abs(threshold - g.mean()) < abs(tau - g.mean())
+    rule = AdaptiveSplitting(rule="das_prose", alpha=3.0, growth=1.0, max_count=10**6)
+    mask, _ = rule.chosen(g)
+    assert mask.sum() > (g >= 1.5 * g.mean()).sum() and g[mask].min() > g[~mask].max()
+    assert torch.equal(mask, g >= rule.threshold(g))
+
+
+@pytest.mark.parametrize("rule", ["das", "das_literal", "das_prose"])
+def test_an_event_logs_its_threshold(rule):
+    """g*, so that a run can be judged afterwards; at β = 1 eq. 3 has none, and no number is divided by zero."""
+    params, g = Parameters(gaussians(500)), gradients().float()
+    splitting = AdaptiveSplitting(rule=rule, max_count=10**6)
+    counts = splitting(params, g, torch.Generator().manual_seed(0))
+    assert counts["threshold"] == splitting.threshold(g)
+    assert das_threshold(g, 1.5 * g.mean().item(), 100.0, beta_max=1.0) == math.inf
+    assert das_threshold(g, 0.5 * g.mean().item(), 100.0, beta_max=1.0) == -math.inf
 
 
 def test_default_rule_does_not_depend_on_the_scale_of_the_loss():

@@ -1,13 +1,17 @@
 """Priors that know what things look like or how they move; all answer one question: which noise is in this?"""
 
-from typing import Any, Literal, Protocol
+from collections.abc import Sequence
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import torch
 from torch import Tensor
 
+from diffuphy.models import MissingWeights as MissingWeights
 from diffuphy.types import Camera, Look, Motion
 
 Layout = Literal["image", "views", "clip", "points"]
+Part = Literal["positive", "negative", "empty"]
+"""The words of a prompt, the words that are not wanted, no words."""
 
 
 class Guidance(Protocol):
@@ -17,6 +21,9 @@ class Guidance(Protocol):
     def layout(self) -> Layout:
         """What the caller renders: independent images, views judged together, one clip, or points."""
         ...
+
+    # A prior of clips may declare ``frames_alone = True``: its ``encode`` treats every frame by itself, and keeps the
+    # graph of one at a time. Without it, as for a causal video autoencoder, clips are encoded whole (``losses.video``).
 
     def condition(
         self, words: Look | Motion, camera: Camera, background: Tensor, *, generator: torch.Generator | None = None
@@ -32,7 +39,8 @@ class Guidance(Protocol):
         ...
 
     def encode(self, sample: Tensor) -> Tensor:
-        """z of a sample in [0, 1], differentiable, float32: images (B, H, W, 3) or a clip (1, T, H, W, 3)."""
+        """z of a sample, differentiable, float32: images (B, H, W, 3) or a clip (1, T, H, W, 3) in [0, 1], or clouds
+        (B, N, 6) of positions in the object's frame and colours in [0, 1]."""
         ...
 
     def schedule(self, t: Tensor) -> tuple[Tensor, Tensor]:
@@ -44,8 +52,13 @@ class Guidance(Protocol):
         ...
 
 
-class MissingWeights(FileNotFoundError):
-    """A pretrained model is not on this machine; the message is one line and says what to run or change."""
+@runtime_checkable
+class TextGuidance(Guidance, Protocol):
+    """A prior that reads text, and can be asked for its answers to several texts apart: what CSD and ISM need."""
+
+    def predict_parts(self, z_t: Tensor, t: Tensor, cond: Any, parts: Sequence[Part]) -> tuple[Tensor, ...]:
+        """ε̂(z_t; ·, t) for each of the named texts, each the shape of z_t, in one call of the network."""
+        ...
 
 
 def view_words(camera: Camera) -> tuple[str, ...]:

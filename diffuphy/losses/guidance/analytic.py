@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import torch
 from torch import Tensor
@@ -36,6 +36,8 @@ class Analytic:
     choose one of them; only ``mode="patch"`` (a local score machine: Kamb & Ganguli 2024) makes objects that are in no
     reference.
     """
+
+    frames_alone: ClassVar[bool] = True
 
     references: Callable[..., tuple[Tensor, Tensor | None]] | None = None
     """``references(words, camera, background) -> (images (B, K, H, W, 3) in [0, 1], logits (K,))``; None when

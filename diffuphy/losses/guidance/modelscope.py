@@ -16,17 +16,13 @@ class ModelScope(LatentDiffusion):
     """Video prior; frames are encoded one by one and denoised together."""
 
     layout: ClassVar[Layout] = "clip"
+    frames_alone: ClassVar[bool] = True
     unet_class: ClassVar[str] = "UNet3DConditionModel"
 
     model: str = "ali-vilab/text-to-video-ms-1.7b"
     """Hub id or folder."""
     size: int = 256
     """Side the frames are resized to [px], a multiple of 8: what the model was trained on."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.size < 8 or self.size % 8:
-            raise ValueError(f"size must be a positive multiple of 8 px, got {self.size}")
 
     def condition(
         self, words: Look | Motion, camera: Camera, background: Tensor, *, generator: torch.Generator | None = None

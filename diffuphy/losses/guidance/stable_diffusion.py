@@ -26,11 +26,6 @@ class StableDiffusion(LatentDiffusion):
     view_words: bool = True
     """Append "front view", "side view", "back view" or "overhead view": without them every side grows a face."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.size < 8 or self.size % 8:
-            raise ValueError(f"size must be a positive multiple of 8 px, got {self.size}")
-
     def condition(
         self, words: Look | Motion, camera: Camera, background: Tensor, *, generator: torch.Generator | None = None
     ) -> Texts:

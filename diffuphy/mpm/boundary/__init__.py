@@ -5,6 +5,7 @@ Coulomb friction; still, moving, turning, or on a schedule.
 """
 
 from diffuphy.mpm.boundary.kernels import make_contact
+from diffuphy.mpm.boundary.kernels_hold import make_hold
 from diffuphy.mpm.boundary.layout import (
     DAMPING,
     N_WALL,
@@ -22,6 +23,6 @@ from diffuphy.mpm.boundary.shapes import Box, Cylinder, HalfSpace, Kind, Solid, 
 
 __all__ = [
     "DAMPING", "N_WALL", "SLACK", "Boundary", "Box", "Cylinder", "HalfSpace", "Kind", "Mesh", "Schedule",
-    "Signature", "Solid", "Sphere", "Vec", "can_be_elastic", "container", "make_contact", "rows", "sdf_samples",
-    "signature", "vector", "wall_gradients",
+    "Signature", "Solid", "Sphere", "Vec", "can_be_elastic", "container", "make_contact", "make_hold", "rows",
+    "sdf_samples", "signature", "vector", "wall_gradients",
 ]  # fmt: skip

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from diffuphy.models import Parts
 from diffuphy.text2gs.refine.protocols import Picture
 from diffuphy.text2gs.refine.weights import Dtype, Pretrained
 
@@ -12,6 +13,7 @@ class Diffusion(Pretrained):
     """Draws with a text-to-image pipeline of diffusers, any that ``AutoPipelineForText2Image`` knows."""
 
     part: ClassVar[str] = "generator"
+    kinds: ClassVar[Parts] = {".": "pipeline"}
 
     model: str = "stable-diffusion-v1-5/stable-diffusion-v1-5"
     """Hub id or folder; the model that the Gaussians are distilled from shows best what they will be."""

@@ -4,8 +4,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
+from diffuphy.models import MissingWeights, Parts, choose, command, require, where
 from diffuphy.text2gs.refine.protocols import Unavailable
 
 Dtype = Literal["float32", "float16", "bfloat16"]
@@ -16,7 +17,7 @@ class Pretrained:
     """Base of what is loaded with ``from_pretrained``, on first use, and let go of by ``close``."""
 
     model: str = ""
-    """Hub id, or a folder laid out the same way."""
+    """Hub id, or a folder laid out the same way; ``auto`` is the first known one that is on this machine."""
     revision: str | None = None
     """Commit of the hub repository, for results that can be repeated."""
     dtype: Dtype = "float32"
@@ -26,8 +27,11 @@ class Pretrained:
 
     part = ""
     """Its name among the settings of ``refine``."""
+    kinds: ClassVar[Parts] = {".": "multimodal"}
+    """What is loaded of the repository."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "model", choose(self.model, type(self).model))
         if not self.model:
             raise ValueError(f"{type(self).__name__}.model is empty; give a hub id or a folder")
         if self.dtype not in ("float32", "float16", "bfloat16"):
@@ -47,8 +51,7 @@ class Pretrained:
 
     def place(self) -> dict[str, Any]:
         """What every ``from_pretrained`` is told."""
-        revision = {} if self.revision is None else {"revision": self.revision}
-        return revision | {"local_files_only": self.local_files_only}
+        return where(self.revision, self.local_files_only)
 
     @contextmanager
     def loading(self) -> Iterator[None]:
@@ -57,14 +60,18 @@ class Pretrained:
         Raises:
             Unavailable: no weights, none that can be read, no package that reads them, no memory.
         """
+        setting = f"refine.{self.part}.model"
         try:
+            require(self.model, self.kinds, setting, **self.place())
             with self.running():
                 yield
+        except MissingWeights as e:
+            raise Unavailable(str(e)) from None
         except (OSError, ValueError, ImportError) as e:
             said = " ".join(str(e).split())[:200]
             raise Unavailable(
-                f"no weights of {self.model!r} on this machine ({type(e).__name__}: {said}); run `hf download "
-                f"{self.model}` where there is a network, or set refine.{self.part}.model=/path/to/folder"
+                f"{self.model!r} cannot be loaded ({type(e).__name__}: {said}); run "
+                f"`{command(self.model, self.kinds)}` where there is a network, or set {setting}=/path/to/folder"
             ) from None
 
     @contextmanager

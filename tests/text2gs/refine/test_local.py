@@ -76,10 +76,10 @@ def test_a_model_that_babbles_is_given_up(models):
 )
 def test_absent_weights_are_one_line(tmp_path, part, use):
     """It says what to run, and which setting names a folder."""
-    missing = part(str(tmp_path / "nothing"), local_files_only=True)
-    with pytest.raises(Unavailable, match=f"hf download .* or set refine.{part.part}.model=") as e:
-        use(missing)
-    assert "\n" not in str(e.value)
+    for model, advice in ((str(tmp_path / "nothing"), "there is no folder .*;"), ("a/b", "hf download a/b.* or")):
+        with pytest.raises(Unavailable, match=f"{advice} set refine.{part.part}.model=") as e:
+            use(part(model, local_files_only=True))
+        assert "\n" not in str(e.value)
 
 
 def test_pickled_weights_are_refused(models, tmp_path):
