@@ -1,12 +1,16 @@
 """Parameters for which a law has no meaning are refused by name. The ranges of ``Param`` are narrower: those are what a
-fit searches."""
+fit searches. What is allowed and seldom meant is said."""
 
+import logging
 import math
 
 import torch
 from torch import Tensor
 
+from diffuphy.mpm.scene import Scene
 from diffuphy.types import MaterialField
+
+log = logging.getLogger(__name__)
 
 OPEN = {"E": (0.0, math.inf), "nu": (-1.0, 0.5), "bulk_modulus": (0.0, math.inf), "relaxation_time": (0.0, math.inf)}
 """Parameters that lie strictly between two numbers."""
@@ -63,3 +67,21 @@ def check_velocity(velocity: Tensor | None, n: int) -> None:
         rows = (~finite).reshape(-1, 3).any(1).nonzero()[:, 0]
         who = f" of particle {int(rows[0])}" if velocity.dim() == 2 else ""
         raise ValueError(f"velocity{who} is {velocity.reshape(-1, 3)[rows[0]].tolist()}; it must be finite")
+
+
+RESTFUL = 3.0
+"""Cells across a body that lies still on an elastic wall: 1 and 2 do not, 3 do for 1e5 substeps (``benchmarks
+stability``)."""
+
+
+def say_small(scene: Scene, x: Tensor, vol: Tensor) -> None:
+    """Warn of a body that is too thin for elastic walls: it would not come to rest on them."""
+    if scene.scheme.contact != "elastic" or not scene.boundaries:
+        return
+    across = (x.detach().amax(0) - x.detach().amin(0) + float(vol.detach().median()) ** (1 / 3)) / scene.dx
+    if float(across.min()) < RESTFUL - 0.1:  # what lies askew in the lattice
+        log.warning(
+            "the body is %.1f cells thick along %s; on elastic walls one of less than %g does not come to rest: take "
+            "a dx of at most %.3g m, or contact='rigid' (docs/numerics/stability.md)",
+            float(across.min()), "xyz"[int(across.argmin())], RESTFUL, scene.dx * float(across.min()) / RESTFUL,
+        )  # fmt: skip

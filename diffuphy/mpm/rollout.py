@@ -18,7 +18,7 @@ from diffuphy.mpm.frame import joined
 from diffuphy.mpm.gather import Gather, Sums, check_gather
 from diffuphy.mpm.kernels import LEFT
 from diffuphy.mpm.leaving import Members
-from diffuphy.mpm.limits import check_limits, check_velocity
+from diffuphy.mpm.limits import check_limits, check_velocity, say_small
 from diffuphy.mpm.report import FrameReport
 from diffuphy.mpm.scene import Scene
 from diffuphy.mpm.solver import Body, Solver, backward_bytes
@@ -123,6 +123,7 @@ def simulate(
     _check_options(scene, gather, diagnose, report, segment, window, scenes, len(x), threads)
     mixture = make_mixture(tuple(field.elastic), tuple(field.plastic), REAL[x.dtype], tuple(field.branches))
     check_limits(field, mixture.params)
+    say_small(scene, x, vol)
     matter = make_matter(field, vol, mixture.params, x.dtype, grad)
     if state is None:
         first = velocity if grad or velocity is None else velocity.detach()

@@ -9,7 +9,7 @@ import warnings
 import pytest
 import torch
 
-from diffuphy.mpm import FrameReport, HalfSpace, Scene, rollout, simulate
+from diffuphy.mpm import FrameReport, HalfSpace, Scene, Scheme, rollout, simulate
 from diffuphy.types import MaterialField, SimulationDiverged
 from tests.mpm.bodies import block, field
 
@@ -361,3 +361,15 @@ def test_d7c_float32_is_refused_where_it_does_not_tell_places_apart():
     fast = dataclasses.replace(FREE, frames=6, velocity=(20.0, 0.0, 0.0))  # 0.4 m a frame
     with pytest.raises(SimulationDiverged, match=r"float32 rounds places .* by t = 0\.\d+ s"):
         rollout(fast, x + x.new_tensor([limit - 1.5, 0.0, 0.0]), vol, f)
+
+
+@pytest.mark.parametrize(
+    ("cells", "contact", "said"), [(2, "elastic", True), (3, "elastic", False), (2, "rigid", False)]
+)
+def test_a_body_too_thin_for_elastic_walls_is_said_to_be(cells, contact, said, caplog):
+    """Bodies of one and two cells do not come to rest on an elastic floor; of three they do."""
+    x, vol = block((cells, 4, 4), 0.1)
+    scene = Scene(dx=0.1, boundaries=(HalfSpace(),), scheme=Scheme(contact=contact), frames=1)
+    with caplog.at_level("WARNING", logger="diffuphy"):
+        next(simulate(scene, x, vol, field(len(x))))
+    assert any("2.0 cells thick along x" in r.message for r in caplog.records) == said
