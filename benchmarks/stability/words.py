@@ -193,8 +193,8 @@ a hundred thousand substeps {tally(long)}.
 It is refused where it does not tell places apart: with cells of {DX:g} m it is right to {change:.0e} at {place:g} m \
 from the origin, and refused at {refused:g} m.
 - *Errors:* {len(said)} different messages, each quoted [below](#every-error-and-what-to-do) with its remedy.
-- *Small bodies at rest:* {bad} of {len(small)} long runs of bodies of one and two cells do not stay at rest, on elastic \
-floors; a warning says so when such a run begins, see [below](#small-bodies-at-rest).
+- *Small bodies at rest:* {bad} of {len(small)} long runs of bodies of one and two cells do not stay at rest, on \
+elastic floors; a warning says so when such a run begins, see [below](#small-bodies-at-rest).
 
 {by_law(data)}
 
