@@ -69,17 +69,17 @@ def studied(quick: bool, jobs: int, matters: list[str]) -> Iterator[Share]:
         yield from (study(m, quick) for m in matters)
         return
     spawn = multiprocessing.get_context("spawn")
-    with concurrent.futures.ProcessPoolExecutor(
-        jobs, mp_context=spawn, max_tasks_per_child=TASKS, initializer=tethered
-    ) as pool:
-        try:
-            for share in pool.map(study, matters, [quick] * len(matters)):
-                log.info("%s: %s", share.matter, tally([row(axis, o) for axis, o in share.cells]))
-                yield share
-        except BaseException:  # Ctrl-C above all: the pool would first wait for what is being measured
-            for child in multiprocessing.active_children():
-                child.terminate()
-            raise
+    for first in range(0, len(matters), jobs * TASKS):  # max_tasks_per_child hangs in Python 3.11 (CPython gh-115634)
+        some = matters[first : first + jobs * TASKS]
+        with concurrent.futures.ProcessPoolExecutor(jobs, mp_context=spawn, initializer=tethered) as pool:
+            try:
+                for share in pool.map(study, some, [quick] * len(some)):
+                    log.info("%s: %s", share.matter, tally([row(axis, o) for axis, o in share.cells]))
+                    yield share
+            except BaseException:  # Ctrl-C above all: the pool would first wait for what is being measured
+                for child in multiprocessing.active_children():
+                    child.terminate()
+                raise
 
 
 def tethered() -> None:

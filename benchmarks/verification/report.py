@@ -21,7 +21,7 @@ HEAD = """# Verification
 
 What the solver must reproduce, and what it does. Every reference is a closed form, a conservation law or a solution
 made to be exact; every interval is that of theory or of an independent code, never of this one. `python -m benchmarks
-verification` writes this page; `tests/verification` fails when a case leaves its interval.
+verification --tier 0 --scheme all` writes this page; `tests/verification` fails when a case leaves its interval.
 """
 
 
@@ -52,7 +52,8 @@ def run(id: str, setting: Setting) -> Result:
 
 
 def chosen(ids: list[str], tier: int | None, schemes: list[str]) -> list[tuple[str, Setting]]:
-    """Cases and settings that the options name, each case under all its settings before the next.
+    """Cases and settings that the options name, each case under all its settings before the next; the plain transfers
+    leave long cases out unless these are asked for.
 
     Raises:
         ValueError: a case or a scheme that does not exist.
@@ -64,7 +65,10 @@ def chosen(ids: list[str], tier: int | None, schemes: list[str]) -> list[tuple[s
     if unknown := [n for n in names if n not in SETTINGS]:
         raise ValueError(f"this solver has no scheme {unknown[0]!r}; known: {', '.join(SETTINGS)}, all")
     cases = [c for c in ordered if (not ids or c.id in ids) and (tier is None or c.tier == tier)]
-    return [(c.id, SETTINGS[n]) for c in cases for n in names if n in c.schemes]
+    plain = bool(ids) or tier is not None  # otherwise the baselines are not shown where it takes minutes
+    return [
+        (c.id, SETTINGS[n]) for c in cases for n in names if n in c.schemes and (plain or not c.tier or n == "default")
+    ]
 
 
 def machine() -> str:
@@ -127,7 +131,9 @@ def main() -> int:
     )
     parser.add_argument("ids", nargs="*", help="cases; all if none is named")
     parser.add_argument("--tier", type=int, choices=(0, 1), help="0: seconds each, 1: up to minutes; both if left out")
-    parser.add_argument("--scheme", nargs="+", default=["default"], help="default, mls, apic or all")
+    parser.add_argument(
+        "--scheme", nargs="+", default=["default"], help="default, mls, apic or all; long cases only default"
+    )
     parser.add_argument("--out", type=Path, default=DOCS, help="folder for verification.md and benchmarks/*.json")
     options = parser.parse_args()
     torch.set_num_threads(1)
