@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from diffuphy.render.around import Around, Still
 from diffuphy.render.cameras import fit
 from diffuphy.render.draw import render_gaussians
 from diffuphy.render.floor import Backdrop, Shadow, backdrop, pool
@@ -56,6 +57,8 @@ class Film:
     stretch: float = 3.0
     """A Gaussian is drawn at most this many times longer than at rest [-]: flowing matter shears without bound, the
     patch of it that one Gaussian stands for does not."""
+    around: Around | None = None
+    """What stands around the object and does not move; None is nothing but the studio."""
     backend: Rasteriser = field(default_factory=Warp)
     """The rasteriser."""
 
@@ -84,11 +87,12 @@ class Film:
                 if self.floor and self.shadow > 0
                 else None
             )
+            still = Still.of(self.around, particles)
             frames = len(trajectory.x)
             rgb = torch.empty(frames, self.height, self.width, 3)
             with work.bar(frames, "film") as bar:
                 for t in range(frames):
-                    rgb[t] = self._frame(skin, trajectory.x[t], trajectory.F[t], camera, studio, shadow)
+                    rgb[t] = self._frame(skin, trajectory.x[t], trajectory.F[t], camera, studio, shadow, still)
                     bar.update()
             work.image("film", contact_sheet(rgb, fps=trajectory.fps))
         return Clip(rgb, trajectory.fps)
@@ -118,17 +122,27 @@ class Film:
         return Backdrop(plain, studio.ground, studio.solid)
 
     def _frame(
-        self, skin: Skin, x: Tensor, F: Tensor, camera: Camera, studio: Backdrop, shadow: Shadow | None
+        self,
+        skin: Skin,
+        x: Tensor,
+        F: Tensor,
+        camera: Camera,
+        studio: Backdrop,
+        shadow: Shadow | None,
+        still: Still | None,
     ) -> Tensor:
         behind = studio.rgb
         if shadow is not None:
             behind = behind * (1 - studio.solid * (1 - shadow.cast(x, studio.ground)))[..., None]
         means, F_g = skin(x, F)
+        gaussians, F_g = skin.gaussians, limit_stretch(F_g, self.stretch)
+        if still is not None:
+            gaussians, (means, F_g) = still.beside(gaussians), still.moved(means, F_g)
         image = render_gaussians(
-            skin.gaussians,
+            gaussians,
             camera,
             means=means,
-            F=limit_stretch(F_g, self.stretch),
+            F=F_g,
             background=behind,
             backend=self.backend,
         )
