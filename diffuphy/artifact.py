@@ -58,8 +58,8 @@ class Done:
 def describe(component: Any) -> Any:
     """Class, version and every setting (defaults included) of a component, as plain data.
 
-    A field with ``metadata={"runtime": True}`` changes how, not what, is computed and is left out. One with
-    ``metadata={"content": source}`` names a file, ``source(value)``: its kind and the SHA-256 of its bytes stand for it.
+    A field with ``metadata={"runtime": True}`` changes how, not what, is computed and is left out. For one with
+    ``metadata={"content": source}`` stand the kind and the SHA-256 of the bytes of the file ``source(value)``.
     """
     if dataclasses.is_dataclass(component) and not isinstance(component, type):
         fields = [f for f in dataclasses.fields(component) if not f.metadata.get("runtime")]

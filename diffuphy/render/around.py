@@ -2,7 +2,7 @@
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Protocol, Self, runtime_checkable
+from typing import Protocol, Self
 
 import torch
 from torch import Tensor
@@ -11,7 +11,6 @@ from diffuphy.render.skin import to_metres
 from diffuphy.types import Gaussians, Particles
 
 
-@runtime_checkable
 class Around(Protocol):
     """Whoever knows what stands around the object (``text2gs.load.LoadGaussians``)."""
 

@@ -32,7 +32,7 @@ def source(path: Path | str) -> Path:
     Raises:
         ValueError: nothing there, a folder without such a file, or a format that is not read.
     """
-    path = Path(path)
+    path = Path(path).expanduser()
     if path.is_dir():
         found = {
             int(m[1]): file
@@ -88,9 +88,7 @@ def read_splat(path: Path, *, up: ply.Up = "y_down") -> Gaussians:
 def _splats(path: Path) -> int:
     size = path.stat().st_size
     if size % SPLAT.itemsize:
-        raise ValueError(
-            f"{path} is no .splat file, or is cut off: {size} bytes are no multiple of {SPLAT.itemsize}"
-        )
+        raise ValueError(f"{path} is no .splat file, or is cut off: {size} bytes are no multiple of {SPLAT.itemsize}")
     return size // SPLAT.itemsize
 
 
@@ -106,7 +104,7 @@ def cameras(path: Path | str) -> tuple[Camera, ...]:
     Raises:
         ValueError: no such file, or one that holds no cameras.
     """
-    path = Path(path)
+    path = Path(path).expanduser()
     path = path / "cameras.json" if path.is_dir() else path
     if not path.is_file():
         raise ValueError(f"there is no file {path}")

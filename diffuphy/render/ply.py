@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Literal
 
 import torch
-from torch import Tensor
 
 from diffuphy.render import sh as harmonics
 from diffuphy.render.ply_table import Table
@@ -120,7 +119,12 @@ def highest(table: Table) -> int:
 
 def upright(gaussians: Gaussians, up: Up) -> Gaussians:
     """Gaussians z-up, from axes that follow ``up``."""
-    return turned(gaussians, -_quarter_turns(up))
+    return turned(gaussians, upright_turn(up))
+
+
+def upright_turn(up: str) -> int:
+    """Quarter turns about x that bring axes that follow ``up`` to z-up."""
+    return -_quarter_turns(up)
 
 
 def turned(gaussians: Gaussians, quarters: int) -> Gaussians:

@@ -60,9 +60,9 @@ class Table:
             head = file.read(MAX_HEADER)
         end = END.search(head)
         if not re.match(rb"ply\s", head) or end is None:
-            where = f"in its first {MAX_HEADER} bytes" if len(head) == MAX_HEADER else ""
+            where = f" in its first {MAX_HEADER} bytes" if len(head) == MAX_HEADER else ""
             raise ValueError(
-                f"{path} is not a .ply file: it lacks the word 'ply' at its start or a line 'end_header' {where}".rstrip()
+                f"{path} is not a .ply file: it lacks the word 'ply' at its start or a line 'end_header'{where}"
             )
         format_, count, row = _header(path, head[: end.start()].decode("ascii", "replace").splitlines()[1:])
         if not row:
@@ -86,7 +86,9 @@ class Table:
         out = np.empty((self.count, len(names)), np.float32)
         if not self.count:
             return out
-        with np.errstate(over="ignore", invalid="ignore"):  # what float32 cannot hold is infinite, and seen by the caller
+        with np.errstate(
+            over="ignore", invalid="ignore"
+        ):  # what float32 cannot hold is infinite, and seen by the caller
             if self.text:
                 wanted = [self.names.index(name) for name in names]
                 for first, rows in self._rows():
@@ -124,7 +126,9 @@ class Table:
             return np.array(words, dtype=np.float64) if words else np.empty(0)
         except ValueError:
             wrong = next(word for word in words if not _is_number(word))
-            raise ValueError(f"{self.path} has {wrong[:20].decode('ascii', 'replace')!r} where a number must be") from None
+            raise ValueError(
+                f"{self.path} has {wrong[:20].decode('ascii', 'replace')!r} where a number must be"
+            ) from None
 
 
 def _is_number(word: bytes) -> bool:
@@ -154,7 +158,11 @@ def _header(path: Path, lines: list[str]) -> tuple[str, int, list[tuple[str, str
                     raise ValueError(f"{path}: a vertex with a list property is not a Gaussian")
             case ["property", kind, name]:
                 if kind not in SCALARS or name in fields:
-                    why = "occurs twice" if name in fields and element == "vertex" else f"has the unknown type {kind[:20]!r}"
+                    why = (
+                        "occurs twice"
+                        if name in fields and element == "vertex"
+                        else f"has the unknown type {kind[:20]!r}"
+                    )
                     if element == "vertex":
                         raise ValueError(f"{path}: property {name[:40]!r} {why}")
                 elif element == "vertex":

@@ -2,15 +2,16 @@
 
 import logging
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
 from diffuphy.render import capture
 from diffuphy.render.placement import Axis, Placement
-from diffuphy.render.ply import Up
+from diffuphy.render.ply import Up, upright_turn
 from diffuphy.types import N_SH, Camera, Gaussians, Look
 from diffuphy.workspace import Workspace
 
@@ -48,14 +49,12 @@ class LoadGaussians:
     sh_degree: int = 3
     """Highest degree of spherical harmonics kept, 0 to 3; what the file has above it is not read."""
     max_gaussians: int = 10_000_000
-    """A file with more of them is refused before they are read: ten million take 2.4 GB at degree 3."""
+    """A file with more of them is refused before they are read: ten million take 2.4 GB at degree 3, and about three
+    times that while they are read."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "turns", tuple((axis, float(angle)) for axis, angle in self.turns))
-        if any(axis not in ("x", "y", "z") or not math.isfinite(angle) for axis, angle in self.turns):
-            raise ValueError(f"turns must be a list of [x, y or z, degrees], got {[list(t) for t in self.turns]}")
-        if self.up not in ("z_up", "y_up", "y_down"):
-            raise ValueError(f"up must be z_up, y_up or y_down, got {self.up!r}")
+        object.__setattr__(self, "turns", check_turns(self.turns))
+        upright_turn(self.up)
         if self.region is not None:
             object.__setattr__(self, "region", tuple(map(float, self.region)))
             low, high = self.region[::2], self.region[1::2]
@@ -106,7 +105,7 @@ class LoadGaussians:
         """The cameras of a scene's folder in the object's frame; see ``capture.cameras``."""
         g, _ = self._read()
         place = self._placement(g.means[self._inside(g)])
-        quarter = Placement.turns([("x", {"z_up": 0.0, "y_up": 90.0, "y_down": -90.0}[self.up])])
+        quarter = Placement.turns([("x", 90.0 * upright_turn(self.up))])
         turn = Placement.turns(self.turns)
         return tuple(place.camera(turn.camera(quarter.camera(c))) for c in capture.cameras(self.path))
 
@@ -144,15 +143,31 @@ class LoadGaussians:
         return inside
 
     def _placement(self, means: Tensor) -> Placement:
-        """What centres the object's box and makes its longest side 2."""
-        low, high = box(means.double())
-        longest = float((high - low).amax())
-        if not longest > 0.0:
-            raise ValueError(
-                f"{self.path}: the {len(means)} Gaussians of the object lie in one point; an object needs an extent"
-            )
-        scale = 2.0 / longest
-        return Placement(Placement.turns(()).quat, scale, -scale * (low + high) / 2)
+        return normalised(means, self.path)
+
+
+def check_turns(turns: Sequence[Sequence[Any]]) -> tuple[tuple[Axis, float], ...]:
+    """Rotations (axis, angle [deg]) as they were given, in a list or a tuple.
+
+    Raises:
+        ValueError: no axis, or no angle.
+    """
+    found = tuple((axis, float(angle)) for axis, angle in turns)
+    if any(axis not in ("x", "y", "z") or not math.isfinite(angle) for axis, angle in found):
+        raise ValueError(f"turns must be a list of [x, y or z, degrees], got {[list(t) for t in found]}")
+    return found
+
+
+def normalised(means: Tensor, path: str) -> Placement:
+    """What centres the box of an object's ``means`` (G, 3) and makes its longest side 2; ``path`` is for the error."""
+    low, high = box(means.double())
+    longest = float((high - low).amax())
+    if not longest > 0.0:
+        raise ValueError(
+            f"{path}: the {len(means)} Gaussians of the object lie in one point; an object needs an extent"
+        )
+    scale = 2.0 / longest
+    return Placement(Placement.turns(()).quat, scale, -scale * (low + high) / 2)
 
 
 def sound(g: Gaussians) -> Tensor:

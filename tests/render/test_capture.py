@@ -28,7 +28,7 @@ def test_the_newest_iteration_of_a_folder_is_taken(tmp_path: Path) -> None:
         ply.write(tmp_path / f"point_cloud/iteration_{n}/point_cloud.ply", some())
     assert capture.source(tmp_path).parent.name == "iteration_30000"
     assert capture.count(tmp_path) == 4
-    with pytest.raises(ValueError, match="has no point_cloud/iteration_N/point_cloud.ply"):
+    with pytest.raises(ValueError, match=r"has no point_cloud/iteration_N/point_cloud\.ply"):
         capture.source(tmp_path / "point_cloud")
 
 

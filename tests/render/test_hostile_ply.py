@@ -78,7 +78,9 @@ def a_property_twice(r: random.Random, data: bytes) -> bytes:
 def unknown_type(r: random.Random, data: bytes) -> bytes:
     lines, body = split(data)
     i = r.randrange(3, len(lines))
-    lines[i] = lines[i].replace(b"float", r.choice([b"list uchar int", b"object", b"O", b"f4", b"str", b"half", b"\xff"]))
+    lines[i] = lines[i].replace(
+        b"float", r.choice([b"list uchar int", b"object", b"O", b"f4", b"str", b"half", b"\xff"])
+    )
     return joined(lines, body)
 
 
@@ -95,7 +97,9 @@ def endless_header(r: random.Random, data: bytes) -> bytes:
 
 def nonsense_in_the_header(r: random.Random, data: bytes) -> bytes:
     lines, body = split(data)
-    nonsense = r.choice([b"import os", b"element", b"property", b"property float", b"\0" * 9, b"<script>", bytes(range(128, 256))])
+    nonsense = r.choice(
+        [b"import os", b"element", b"property", b"property float", b"\0" * 9, b"<script>", bytes(range(128, 256))]
+    )
     lines.insert(r.randrange(2, len(lines)), nonsense)
     return joined(lines, body)
 
@@ -182,7 +186,9 @@ def test_a_flipped_byte_is_an_error_or_sound_gaussians(whole, tmp_path) -> None:
         except ValueError as error:
             assert "\n" not in str(error)
         else:
-            assert all(getattr(g, n).isfinite().all() for n in ("means", "quats", "log_scales", "logit_opacities", "sh"))
+            assert all(
+                getattr(g, n).isfinite().all() for n in ("means", "quats", "log_scales", "logit_opacities", "sh")
+            )
 
 
 def test_a_count_is_checked_before_anything_is_allocated(whole, tmp_path) -> None:

@@ -147,7 +147,7 @@ def test_the_bytes_of_the_file_are_in_the_key_and_its_name_is_not(path, tmp_path
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
-        ({"up": "x_up"}, "up must be z_up, y_up or y_down"),
+        ({"up": "x_up"}, "up must be one of z_up, y_up, y_down"),
         ({"turns": (("w", 90),)}, "turns must be a list of"),
         ({"turns": (("x", math.inf),)}, "turns must be a list of"),
         ({"region": (0, 1, 2, 1, 0, 1)}, "region must be .* with min < max"),
