@@ -10,9 +10,9 @@ import torch
 
 from diffuphy.cli import main
 from diffuphy.mpm.sample import Sample
-from diffuphy.render.around import Still
+from diffuphy.render.around import with_scenery
 from diffuphy.render.sh import from_rgb
-from diffuphy.render.skin import to_metres
+from diffuphy.render.skin import Skin, to_metres
 from diffuphy.text2gs.load import LoadGaussians
 from diffuphy.types import Clip, Gaussians, Look, Motion, Particles
 from diffuphy.workspace import Workspace
@@ -69,7 +69,7 @@ def test_a_trained_scene_becomes_a_film(tmp_path: Path) -> None:
     # 0.8 of 0.3 m below, it lands after √(2 · 0.24 / 9.81) s = 6.6 frames, and bounces
     assert max(row) > row[0] + 3 and 6 <= row.index(max(row)) <= 9, row
     (run,) = (store / "runs").iterdir()
-    plan = {line["what"]: line["decision"] for line in json.loads((run / "plan.json").read_text())["lines"]}
+    plan = {line["what"]: line["decision"] for line in json.loads((run / "plan.json").read_text())}
     assert plan["score distillation"] == "left out" and plan["surroundings"] == "kept"
     assert (run / "film.mp4").stat().st_size > 1000
 
@@ -134,10 +134,11 @@ def test_what_stands_around_is_placed_about_the_standing_object(tmp_path: Path) 
     load = LoadGaussians(path, region=tuple(json.loads(REGION)))
     bear, rest = load(Look("bear", "a bear")), load.rest()
     particles = Sample(cells=16)(bear, Motion("falling", "", size=0.3), work=Workspace())
-    still = Still.of(load, particles)
-    assert rest is not None and still is not None and len(rest) == 300
-    up = still.gaussians.means - to_metres(rest, particles).means
+    skin = Skin.bind(bear, particles)
+    still = with_scenery(skin, load, particles).gaussians.means[len(bear) :]
+    assert rest is not None and len(rest) == len(still) == 300
+    up = still - to_metres(rest, particles).means
     torch.testing.assert_close(up, torch.tensor([0.0, 0.0, -float(particles.x[:, 2].amin())]).expand_as(up))
-    top, sigma = float(still.gaussians.means[:, 2].amax()), 0.02 * 0.3 / 0.6
+    top, sigma = float(still[:, 2].amax()), 0.02 * 0.3 / 0.6
     gap = (0.8 - 0.78) * 0.3 / 0.6  # between the centres of bear and table
     assert 0 < top + gap < 2 * sigma + particles.spacing

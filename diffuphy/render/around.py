@@ -2,12 +2,12 @@
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import Protocol
 
 import torch
 from torch import Tensor
 
-from diffuphy.render.skin import to_metres
+from diffuphy.render.skin import Skin, to_metres
 from diffuphy.types import Gaussians, Particles
 
 
@@ -20,32 +20,33 @@ class Around(Protocol):
 
 
 @dataclass(frozen=True)
-class Still:
-    """Gaussians that stay where they are, drawn together with those that move: one picture, each hiding the other.
+class Scenery:
+    """A skin, and Gaussians that stay where they are: drawn together, each hides the other."""
 
-    The floor of the simulation, z = 0, is where the object stood in its scene: the rest is placed about an object whose
-    lowest particle is there.
-    """
-
+    skin: Skin
+    """Of the object."""
     gaussians: Gaussians
-    """In metres."""
+    """Those of the skin, then those that stay, at rest, in metres."""
 
-    @classmethod
-    def of(cls, around: Around | None, particles: Particles) -> Self | None:
-        """Of the object that ``particles`` make up; None where nothing stands around it."""
-        rest = around.rest() if around is not None else None
-        if rest is None:
-            return None
-        g = to_metres(rest.to(particles.x.device), particles)
-        down = torch.stack([g.means.new_zeros(()), g.means.new_zeros(()), particles.x[:, 2].amin().to(g.means)])
-        return cls(dataclasses.replace(g, means=g.means - down))
+    def __call__(self, x: Tensor, F: Tensor) -> tuple[Tensor, Tensor]:
+        """Centres (G, 3) [m] and deformations (G, 3, 3) for particles at ``x`` (N, 3) deformed by ``F`` (N, 3, 3)."""
+        means, F_g = self.skin(x, F)
+        still = self.gaussians.means[len(means) :]
+        return torch.cat([means, still]), torch.cat([F_g, torch.eye(3).to(F_g).expand(len(still), 3, 3)])
 
-    def beside(self, moving: Gaussians) -> Gaussians:
-        """Those that move, then those that stay."""
-        names = [f.name for f in dataclasses.fields(Gaussians)]
-        return Gaussians(**{n: torch.cat([getattr(moving, n), getattr(self.gaussians, n)]) for n in names})
 
-    def moved(self, means: Tensor, F: Tensor) -> tuple[Tensor, Tensor]:
-        """Centres and deformations of all, given those of the moving ones."""
-        still = self.gaussians.means
-        return torch.cat([means, still]), torch.cat([F, torch.eye(3).to(F).expand(len(still), 3, 3)])
+def with_scenery(skin: Skin, around: Around | None, particles: Particles) -> Skin | Scenery:
+    """``skin``, with what stands around its object if there is anything.
+
+    The floor of the simulation, z = 0, is where the object of ``particles`` stood in its scene: what stands around is
+    placed as if the lowest particle were there.
+    """
+    rest = around.rest() if around is not None else None
+    if rest is None:
+        return skin
+    still = to_metres(rest.to(skin.gaussians.means.device), particles)
+    up = still.means.new_tensor([0.0, 0.0, -float(particles.x[:, 2].amin())])
+    still = dataclasses.replace(still, means=still.means + up)
+    names = [f.name for f in dataclasses.fields(Gaussians)]
+    joined = {n: torch.cat([getattr(skin.gaussians, n), getattr(still, n).to(skin.gaussians.means)]) for n in names}
+    return Scenery(skin, Gaussians(**joined))

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from diffuphy.render.around import Around, Still
+from diffuphy.render.around import Around, Scenery, with_scenery
 from diffuphy.render.cameras import fit
 from diffuphy.render.draw import render_gaussians
 from diffuphy.render.floor import Backdrop, Shadow, backdrop, pool
@@ -79,7 +79,7 @@ class Film:
     def __call__(self, gaussians: Gaussians, particles: Particles, trajectory: Trajectory, *, work: Workspace) -> Clip:
         """One picture for each frame of the trajectory."""
         with torch.no_grad():
-            skin = Skin.bind(gaussians, particles, self.neighbours)
+            skin = with_scenery(Skin.bind(gaussians, particles, self.neighbours), self.around, particles)
             camera = self.camera(trajectory)
             studio = self._studio(camera, trajectory)
             shadow = (
@@ -87,12 +87,11 @@ class Film:
                 if self.floor and self.shadow > 0
                 else None
             )
-            still = Still.of(self.around, particles)
             frames = len(trajectory.x)
             rgb = torch.empty(frames, self.height, self.width, 3)
             with work.bar(frames, "film") as bar:
                 for t in range(frames):
-                    rgb[t] = self._frame(skin, trajectory.x[t], trajectory.F[t], camera, studio, shadow, still)
+                    rgb[t] = self._frame(skin, trajectory.x[t], trajectory.F[t], camera, studio, shadow)
                     bar.update()
             work.image("film", contact_sheet(rgb, fps=trajectory.fps))
         return Clip(rgb, trajectory.fps)
@@ -122,27 +121,17 @@ class Film:
         return Backdrop(plain, studio.ground, studio.solid)
 
     def _frame(
-        self,
-        skin: Skin,
-        x: Tensor,
-        F: Tensor,
-        camera: Camera,
-        studio: Backdrop,
-        shadow: Shadow | None,
-        still: Still | None,
+        self, skin: Skin | Scenery, x: Tensor, F: Tensor, camera: Camera, studio: Backdrop, shadow: Shadow | None
     ) -> Tensor:
         behind = studio.rgb
         if shadow is not None:
             behind = behind * (1 - studio.solid * (1 - shadow.cast(x, studio.ground)))[..., None]
         means, F_g = skin(x, F)
-        gaussians, F_g = skin.gaussians, limit_stretch(F_g, self.stretch)
-        if still is not None:
-            gaussians, (means, F_g) = still.beside(gaussians), still.moved(means, F_g)
         image = render_gaussians(
-            gaussians,
+            skin.gaussians,
             camera,
             means=means,
-            F=F_g,
+            F=limit_stretch(F_g, self.stretch),
             background=behind,
             backend=self.backend,
         )

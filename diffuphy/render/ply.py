@@ -107,7 +107,8 @@ def highest(table: Table) -> int:
             f"{table.path} is a compressed .ply; make it a plain one first: splat-transform in.compressed.ply out.ply"
         )
     if missing := [name for name in (*CENTRE, *DC, "opacity", *SCALE, *TURN) if name not in have]:
-        raise ValueError(f"{table.path} holds no Gaussians: the properties {', '.join(missing)} are missing")
+        hint = "; a mesh is read with gaussians=mesh" if {*DC, "opacity"} <= set(missing) else ""
+        raise ValueError(f"{table.path} holds no Gaussians: the properties {', '.join(missing)} are missing{hint}")
     rest = sum(name.startswith("f_rest_") for name in have)
     degree = math.isqrt(rest // 3 + 1) - 1
     if 3 * ((degree + 1) ** 2 - 1) != rest:
