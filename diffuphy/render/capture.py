@@ -73,7 +73,7 @@ def read_splat(path: Path, *, up: ply.Up = "y_down") -> Gaussians:
         ValueError: the length is no multiple of 32 bytes.
     """
     n = _splats(path)
-    rows = np.memmap(path, SPLAT, "r", shape=(n,)) if n else np.empty(0, SPLAT)
+    rows = np.fromfile(path, SPLAT, n)
     rgba = torch.from_numpy(rows["rgba"].astype(np.float32))
     g = Gaussians(
         means=torch.from_numpy(rows["mean"].astype(np.float32)),

@@ -26,7 +26,7 @@ MAX_HEADER = 2**16
 """Longest header [byte]; that of degree 3 has 1.5 kB."""
 
 BLOCK = 2**18
-"""Text read at once [byte]."""
+"""What is read at once [byte]."""
 
 END = re.compile(rb"\nend_header[ \t]*\r?\n")
 
@@ -84,22 +84,30 @@ class Table:
         """
         names = list(names)
         out = np.empty((self.count, len(names)), np.float32)
-        if not self.count:
-            return out
-        with np.errstate(
-            over="ignore", invalid="ignore"
-        ):  # what float32 cannot hold is infinite, and seen by the caller
+        # what float32 cannot hold becomes infinite, for the caller to see
+        with np.errstate(over="ignore", invalid="ignore"):
             if self.text:
                 wanted = [self.names.index(name) for name in names]
-                for first, rows in self._rows():
-                    out[first : first + len(rows)] = rows[:, wanted]
+                for first, numbers in self._written():
+                    out[first : first + len(numbers)] = numbers[:, wanted]
             else:
-                rows = np.memmap(self.path, self.row, "r", self.start, (self.count,))
-                for i, name in enumerate(names):
-                    out[:, i] = rows[name]
+                for first, rows in self._packed():
+                    for i, name in enumerate(names):
+                        out[first : first + len(rows), i] = rows[name]
         return out
 
-    def _rows(self) -> Iterator[tuple[int, np.ndarray]]:
+    def _packed(self) -> Iterator[tuple[int, np.ndarray]]:
+        """Index of the first, and the rows, of some binary vertices, a block at a time."""
+        size = 1 + BLOCK // self.row.itemsize
+        with self.path.open("rb") as file:
+            file.seek(self.start)
+            for first in range(0, self.count, size):
+                rows = np.fromfile(file, self.row, min(size, self.count - first))
+                if len(rows) < min(size, self.count - first):
+                    raise ValueError(f"{self.path} became shorter while it was read; read it again")
+                yield first, rows
+
+    def _written(self) -> Iterator[tuple[int, np.ndarray]]:
         """Index of the first, and the numbers, of some vertices that are written out, a block at a time."""
         width, first, rest = len(self.names), 0, b""
         numbers = np.empty(0)
@@ -125,7 +133,7 @@ class Table:
         try:
             return np.array(words, dtype=np.float64) if words else np.empty(0)
         except ValueError:
-            wrong = next(word for word in words if not _is_number(word))
+            wrong = next((word for word in words if not _is_number(word)), words[0])
             raise ValueError(
                 f"{self.path} has {wrong[:20].decode('ascii', 'replace')!r} where a number must be"
             ) from None

@@ -49,7 +49,7 @@ class LoadGaussians:
     sh_degree: int = 3
     """Highest degree of spherical harmonics kept, 0 to 3; what the file has above it is not read."""
     max_gaussians: int = 10_000_000
-    """A file with more of them is refused before they are read: ten million take 2.4 GB at degree 3, and about three
+    """A file with more of them is refused before they are read: ten million take 2.4 GB at degree 3, and about four
     times that while they are read."""
 
     def __post_init__(self) -> None:
