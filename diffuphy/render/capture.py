@@ -46,8 +46,8 @@ def source(path: Path | str) -> Path:
         raise ValueError(f"there is no file {path}")
     if path.suffix.lower() not in (".ply", ".splat"):
         raise ValueError(
-            f"{path} is neither a .ply nor a .splat file; other formats are converted first, "
-            f"for instance by splat-transform {path.name} out.ply"
+            f"{path} is neither a .ply nor a .splat file; a mesh is read with gaussians=mesh, other Gaussians are "
+            f"converted first: splat-transform {path.name} out.ply"
         )
     return path
 

@@ -84,14 +84,14 @@ class LoadGaussians:
         work = work or Workspace()
         g, kept = self._read()
         inside = self._inside(g)
-        place = self._placement(g.means[inside])
+        subject = self._placed(g, inside, inside)
         counts = {**kept, "around": int((~inside).sum())}
         work.log(0, gaussians=int(inside.sum()), **counts)
         log.info(
             "%d Gaussians of %s; removed %d broken and %d transparent ones; %d stand around the object",
             int(inside.sum()), capture.source(self.path), kept["broken"], kept["transparent"], counts["around"],
         )  # fmt: skip
-        return place(taken(g, inside)).to(work.device)
+        return subject.to(work.device)
 
     def rest(self) -> Gaussians | None:
         """What stands around the object and does not move, in the object's frame; None where there is nothing."""
@@ -99,12 +99,12 @@ class LoadGaussians:
             return None
         g, _ = self._read()
         inside = self._inside(g)
-        return self._placement(g.means[inside])(taken(g, ~inside)) if bool((~inside).any()) else None
+        return self._placed(g, inside, ~inside) if bool((~inside).any()) else None
 
     def cameras(self) -> tuple[Camera, ...]:
         """The cameras of a scene's folder in the object's frame; see ``capture.cameras``."""
         g, _ = self._read()
-        place = self._placement(g.means[self._inside(g)])
+        place = normalised(g.means[self._inside(g)], self.path)
         quarter = Placement.turns([("x", 90.0 * upright_turn(self.up))])
         turn = Placement.turns(self.turns)
         return tuple(place.camera(turn.camera(quarter.camera(c))) for c in capture.cameras(self.path))
@@ -135,15 +135,22 @@ class LoadGaussians:
         low, high = g.means.new_tensor(self.region[::2]), g.means.new_tensor(self.region[1::2])
         inside = ((g.means >= low) & (g.means <= high)).all(1)
         if not bool(inside.any()):
-            box = [[round(v, 3) for v in t.tolist()] for t in (g.means.amin(0), g.means.amax(0))]
+            first, last = ([round(v, 3) for v in t.tolist()] for t in (g.means.amin(0), g.means.amax(0)))
             raise ValueError(
-                f"no Gaussian lies in gaussians.region = {list(self.region)}; upright, the scene reaches from {box[0]} "
-                f"to {box[1]}"
+                f"no Gaussian lies in gaussians.region = {list(self.region)}; upright, the scene reaches from {first} "
+                f"to {last}"
             )
         return inside
 
-    def _placement(self, means: Tensor) -> Placement:
-        return normalised(means, self.path)
+    def _placed(self, g: Gaussians, inside: Tensor, which: Tensor) -> Gaussians:
+        """The Gaussians ``which``, in the frame of the object, those ``inside``."""
+        placed = normalised(g.means[inside], self.path)(taken(g, which))
+        if not bool((whole := sound(placed)).all()):
+            raise ValueError(
+                f"{self.path}: {int((~whole).sum())} Gaussians are so large or far away that at the object's scale "
+                "float32 does not hold them; remove them from the file, or cut the object out with a larger region"
+            )
+        return placed
 
 
 def check_turns(turns: Sequence[Sequence[Any]]) -> tuple[tuple[Axis, float], ...]:

@@ -125,6 +125,15 @@ def test_a_floater_does_not_make_the_object_small(tmp_path) -> None:
     assert abs(float((high - low).amax()) - 2) < 1e-5
 
 
+def test_what_float32_cannot_hold_at_the_objects_scale_is_an_error(tmp_path) -> None:
+    """3e38 is a number in the file, and none when the object of 1e-3 is made 2 long."""
+    s = scene(2000, 0)
+    s.means.mul_(1e-3)[7] = 3e38
+    ply.write(tmp_path / "g.ply", s, up="z_up")
+    with pytest.raises(ValueError, match="1 Gaussians are so large or far away"):
+        LoadGaussians(str(tmp_path / "g.ply"), up="z_up")(LOOK)
+
+
 def test_cameras_see_the_object_as_they_saw_the_scene(tmp_path) -> None:
     """render(object, cameras in its frame) = render(scene, cameras of the file)."""
     s = scene()
