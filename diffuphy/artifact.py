@@ -18,6 +18,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -57,14 +58,15 @@ class Done:
 def describe(component: Any) -> Any:
     """Class, version and every setting (defaults included) of a component, as plain data.
 
-    A field with ``metadata={"runtime": True}`` changes how, not what, is computed and is left out.
+    A field with ``metadata={"runtime": True}`` changes how, not what, is computed and is left out. For one with
+    ``metadata={"content": source}`` stand the kind and the SHA-256 of the bytes of the file ``source(value)``.
     """
     if dataclasses.is_dataclass(component) and not isinstance(component, type):
         fields = [f for f in dataclasses.fields(component) if not f.metadata.get("runtime")]
         return {
             "class": f"{type(component).__module__}.{type(component).__qualname__}",
             "version": getattr(component, "VERSION", 1),
-            **{f.name: describe(getattr(component, f.name)) for f in fields},
+            **{f.name: _setting(f, getattr(component, f.name)) for f in fields},
         }
     if isinstance(component, dict):
         return {str(k): describe(v) for k, v in component.items()}
@@ -75,6 +77,22 @@ def describe(component: Any) -> Any:
     if isinstance(component, Path):
         return str(component)
     raise TypeError(f"a setting must be plain data or a component, got {type(component).__qualname__}: {component!r}")
+
+
+def _setting(field: dataclasses.Field, value: Any) -> Any:
+    source = field.metadata.get("content")
+    if source is None:
+        return describe(value)
+    file = source(value).resolve()
+    at = file.stat()
+    return {"kind": file.suffix.lower(), "sha256": _file_sha256(file, at.st_size, at.st_mtime_ns, at.st_ino)}
+
+
+@lru_cache(maxsize=64)
+def _file_sha256(file: Path, *seen: int) -> str:
+    """SHA-256 of a file, found once for each state ``seen`` of it."""
+    with file.open("rb") as f:
+        return hashlib.file_digest(f, "sha256").hexdigest()
 
 
 def check_names(stages: Sequence[Stage], asked: Iterable[str]) -> None:

@@ -84,7 +84,8 @@ def film(cfg: DictConfig) -> None:
     files = export(folder, done, plan, title=cfg.prompt, settings=OmegaConf.to_yaml(cfg, resolve=False))
     said, scores = judgement(done), scorecard(done)
     told = str(said or ""), line(scores) if scores else ""
-    log.info("%s", conclusion(done, files, HydraConfig.get().overrides.task, *told))
+    overrides = OmegaConf.to_container(HydraConfig.get().overrides.task, resolve=False)  # "${" in a text is none
+    log.info("%s", conclusion(done, files, overrides, *told))  # type: ignore[arg-type]
 
 
 def make(stages: dict[str, Any]) -> dict[str, Any]:

@@ -102,9 +102,14 @@ class Evaluate:
         if not self.references:
             reason = "evaluate.references=[]: each seed, of a network that was never trained, costs another film"
             why |= dict.fromkeys(WITH_REFERENCE + WITH_BOTH + WITH_VIDEO, reason)
-        prior = self.prior or getattr(components["gaussians"].guidance, "references", None)
+        fit = components["gaussians"]
+        prior = self.prior or getattr(getattr(fit, "guidance", None), "references", None)
         if prior is None:
-            why["PSNR to the prior"] = "the prior is a diffusion model, which has no picture of its own to compare with"
+            why["PSNR to the prior"] = (
+                "the prior is a diffusion model, which has no picture of its own to compare with"
+                if hasattr(fit, "guidance")
+                else "the object was given, no prior made it"
+            )
         open_ = {"scene": "trajectory", "film": "clip", "material": "material"}
         found = {name: getattr(self, name) or components[stage] for name, stage in open_.items()}
         if not self.references:

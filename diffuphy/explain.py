@@ -28,6 +28,7 @@ EXTRAS = {
     "ray": "ray",
     "tensorboard": "track",
     "torchmetrics": "eval",
+    "trimesh": "mesh",
     "viser": "viewer",
 }
 """Which extra brings an optional package."""
@@ -41,7 +42,7 @@ def explain(error: Exception, arguments: Sequence[str], conf: Path) -> str | Non
         conf: the folder of the settings.
     """
     if missing := re.search(r"Missing mandatory value: (\S+)", str(error)):
-        key = missing[1]
+        key = missing[1].removeprefix("stages.")  # a stage only points at what the user sets
         return f"{key} is missing; write {EXAMPLE if key == 'prompt' else f'{key}=...'}"
     if isinstance(error, InstantiationException):
         return _instantiation(error)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 from hydra.core.override_parser.types import Quote, QuotedString
 
-FREE_TEXT = frozenset({"prompt", "negative"})
+FREE_TEXT = frozenset({"prompt", "negative", "path"})
 """Last component of the keys whose values are text."""
 
 FUNCTION = re.compile(r"(choice|shuffle|sort|range|glob|interval|str)\(.*\)", re.DOTALL)

@@ -31,7 +31,8 @@ def check(tree: dict[str, Any]) -> None:
     """
     checks = [(name, tree[name], hint) for name, hint in RUN.items() if name in tree]
     checks += [(f"stages.{name}", node, object) for name, node in tree.get("stages", {}).items()]
-    for name, value, hint in (*checks, *_declared(tree, "")):
+    checks += sorted(_declared(tree, ""), key=lambda found: found[0].count("."))  # where the user sets it, not a copy
+    for name, value, hint in checks:
         if not fits(value, hint):
             raise ValueError(f"{name} must be {words(hint)}, got {value!r}")
 

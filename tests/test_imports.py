@@ -63,6 +63,7 @@ HEAVY = {
     "torchmetrics": ("metrics/",),
     "torchvision": ("losses/", "metrics/"),
     "transformers": ("losses/guidance/", "metrics/", "text2gs/refine/"),
+    "trimesh": ("text2gs/",),
     "viser": ("render/",),
 }
 """Packages that cost seconds or are optional: imported inside functions, and only in these places."""

@@ -97,7 +97,8 @@ def body(components: Mapping[str, Any], prompt: Prompt, particles: float | None 
 def shape(components: Mapping[str, Any], prompt: Prompt) -> tuple[float, tuple[float, ...], float]:
     """Share of the cube around it that an object fills and its sides over its longest one, as particles make it; and
     how many primitives a ray meets."""
-    libraries = (getattr(components["gaussians"].guidance, "references", None), components["material"].library)
+    guidance = getattr(components["gaussians"], "guidance", None)
+    libraries = (getattr(guidance, "references", None), components["material"].library)
     library: Any = next((found for found in libraries if hasattr(found, "object")), None)
     if library is None:
         return BALL
@@ -118,6 +119,8 @@ def shape(components: Mapping[str, Any], prompt: Prompt) -> tuple[float, tuple[f
 
 def gaussians(fit: Any) -> tuple[float, float, float]:
     """Gaussians at the start, at the end, and on average over the steps."""
+    if not hasattr(fit, "init"):  # given, not made
+        return (float(fit.count),) * 3
     count = first = float(fit.init.count)
     total = 0.0
     for step in range(1, fit.steps + 1):

@@ -83,8 +83,11 @@ def prompt(components: Mapping[str, Any], motion: Motion, body: Body) -> Counted
 
 
 def gaussians(components: Mapping[str, Any], motion: Motion, body: Body) -> Counted:
-    """Score distillation of pictures: references once a camera, then a picture and its gradient a view and step."""
+    """Score distillation of pictures: references once a camera, then a picture and its gradient a view and step; or
+    a file to read, which takes next to nothing."""
     fit = components["gaussians"]
+    if not hasattr(fit, "init"):
+        return Counted({}, {"graph": 4 * 60 * body.gaussians})
     side, views, bank = fit.cameras.size, fit.steps * fit.views, fit.cameras.bank
     library = getattr(fit.guidance, "references", None)
     variants, aa = getattr(library, "variants", 1), getattr(library, "aa", 0)

@@ -59,7 +59,7 @@ def model_lines(components: Mapping[str, Any]) -> list[Line]:
     """Weights that are loaded, and the memory that they and their work take."""
     pictures, clips = components["gaussians"], components["material"]
     lines = []
-    if type(pictures.guidance).__name__ != "Analytic":
+    if hasattr(pictures, "guidance") and type(pictures.guidance).__name__ != "Analytic":
         lines.append(_model_line(pictures.guidance, pictures.views, "pictures"))
     if type(clips.guidance).__name__ != "Analytic":
         lines.append(_model_line(clips.guidance, clips.probe.frames, "frames"))

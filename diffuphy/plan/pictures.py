@@ -10,6 +10,10 @@ from diffuphy.plan.line import Line
 def object_lines(components: Mapping[str, Any]) -> list[Line]:
     """Colour, number and filling of the object's points."""
     fit, sample = components["gaussians"], components["particles"]
+    filling = Line.kept("interior fill", sample.fill != "none", "Gaussians are a shell; the inside needs particles",
+                        "sample.fill=none", {"particles": dataclasses.replace(sample, fill="interior")})  # fmt: skip
+    if hasattr(fit, "path"):
+        return [*given_lines(fit), filling]
     degree = fit.sh_degree
     harmonics = (
         Line("spherical harmonics", f"degree {degree}", "view-dependent colour asked for")
@@ -23,9 +27,18 @@ def object_lines(components: Mapping[str, Any]) -> list[Line]:
         shape_line(fit),
         Line.kept("densification", fit.densify is not None, "more Gaussians where the loss still pulls",
                   "fit.densify=null"),
-        Line.kept("interior fill", sample.fill != "none", "distilled Gaussians are a shell; the inside needs particles",
-                  "sample.fill=none", {"particles": dataclasses.replace(sample, fill="interior")}),
+        filling,
     ]  # fmt: skip
+
+
+def given_lines(given: Any) -> list[Line]:
+    """An object that is read from a file instead of made."""
+    region = getattr(given, "region", None)
+    return [
+        Line("score distillation", "left out", f"the object is given: {given.count} Gaussians from {given.path}"),
+        Line("spherical harmonics", f"at most degree {given.sh_degree}", "as the file has them"),
+        Line.kept("surroundings", region is not None, "what lies outside the region stands still", "no region"),
+    ]
 
 
 def shape_line(fit: Any) -> Line:

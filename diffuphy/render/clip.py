@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from diffuphy.render.around import Around, Scenery, with_scenery
 from diffuphy.render.cameras import fit
 from diffuphy.render.draw import render_gaussians
 from diffuphy.render.floor import Backdrop, Shadow, backdrop, pool
@@ -56,6 +57,8 @@ class Film:
     stretch: float = 3.0
     """A Gaussian is drawn at most this many times longer than at rest [-]: flowing matter shears without bound, the
     patch of it that one Gaussian stands for does not."""
+    around: Around | None = None
+    """What stands around the object and does not move; None is nothing but the studio."""
     backend: Rasteriser = field(default_factory=Warp)
     """The rasteriser."""
 
@@ -76,7 +79,7 @@ class Film:
     def __call__(self, gaussians: Gaussians, particles: Particles, trajectory: Trajectory, *, work: Workspace) -> Clip:
         """One picture for each frame of the trajectory."""
         with torch.no_grad():
-            skin = Skin.bind(gaussians, particles, self.neighbours)
+            skin = with_scenery(Skin.bind(gaussians, particles, self.neighbours), self.around, particles)
             camera = self.camera(trajectory)
             studio = self._studio(camera, trajectory)
             shadow = (
@@ -118,7 +121,7 @@ class Film:
         return Backdrop(plain, studio.ground, studio.solid)
 
     def _frame(
-        self, skin: Skin, x: Tensor, F: Tensor, camera: Camera, studio: Backdrop, shadow: Shadow | None
+        self, skin: Skin | Scenery, x: Tensor, F: Tensor, camera: Camera, studio: Backdrop, shadow: Shadow | None
     ) -> Tensor:
         behind = studio.rgb
         if shadow is not None:

@@ -9,50 +9,25 @@ import math
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
 import torch
-from torch import Tensor
 
 from diffuphy.render import sh as harmonics
+from diffuphy.render.ply_table import Table
 from diffuphy.types import N_SH, Gaussians
 
 Up = Literal["z_up", "y_up", "y_down"]
 
-SCALARS = {
-    **{
-        "char": "i1",
-        "int8": "i1",
-        "uchar": "u1",
-        "uint8": "u1",
-        "short": "i2",
-        "int16": "i2",
-        "ushort": "u2",
-        "uint16": "u2",
-    },
-    **{
-        "int": "i4",
-        "int32": "i4",
-        "uint": "u4",
-        "uint32": "u4",
-        "float": "f4",
-        "float32": "f4",
-        "double": "f8",
-        "float64": "f8",
-    },
-}
-"""NumPy type of each scalar type of the format."""
-
 QUARTER_TURNS = {"z_up": 0, "y_up": -1, "y_down": 1}
 """Quarter turns about x that bring z-up to each convention."""
+
+CENTRE, NORMAL, DC = ("x", "y", "z"), ("nx", "ny", "nz"), ("f_dc_0", "f_dc_1", "f_dc_2")
+SCALE, TURN = ("scale_0", "scale_1", "scale_2"), ("rot_0", "rot_1", "rot_2", "rot_3")
+"""Names of properties."""
 
 
 def names(rest: int) -> list[str]:
     """Properties in file order, with ``rest`` coefficients above degree 0."""
-    return [
-        *("x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"),
-        *(f"f_rest_{i}" for i in range(rest)),
-        *("opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"),
-    ]
+    return [*CENTRE, *NORMAL, *DC, *(f"f_rest_{i}" for i in range(rest)), "opacity", *SCALE, *TURN]
 
 
 def write(path: Path | str, gaussians: Gaussians, *, up: Up = "y_down") -> None:
@@ -91,34 +66,66 @@ def write(path: Path | str, gaussians: Gaussians, *, up: Up = "y_down") -> None:
     Path(path).write_bytes("\n".join([*header, "end_header\n"]).encode("ascii") + table.tobytes())
 
 
-def read(path: Path | str, *, up: Up = "y_down") -> Gaussians:
-    """Gaussians, float32 and z-up, from a file whose axes follow ``up``; properties may come in any order and type.
+def read(path: Path | str, *, up: Up = "y_down", degree: int | None = None) -> Gaussians:
+    """Gaussians, float32 and z-up, from a file whose axes follow ``up``.
+
+    Properties may come in any order and type, with others among them; ASCII or binary of either byte order.
+
+    Args:
+        degree: highest degree of spherical harmonics to read; None reads all there are.
 
     Raises:
-        ValueError: not a binary .ply file, a property is missing, or the file is too short.
+        ValueError: not a .ply file of Gaussians, a property is missing, or the file is too short.
     """
-    vertices = _vertices(Path(path))
-    have = set(vertices.dtype.names or ())
-    rest = sorted((name for name in have if name.startswith("f_rest_")), key=lambda name: int(name[7:]))
-    if missing := [name for name in names(0) if name not in have and name not in ("nx", "ny", "nz")]:
-        raise ValueError(f"{path} holds no Gaussians: the properties {', '.join(missing)} are missing")
-    if len(rest) // 3 + 1 not in N_SH.values() or len(rest) % 3:
-        raise ValueError(f"{path} has {len(rest)} f_rest properties; 0, 9, 24 or 45 are allowed (degree 0 to 3)")
-
-    def columns(*wanted: str) -> Tensor:
-        return torch.from_numpy(np.stack([vertices[name].astype(np.float32) for name in wanted], axis=1))
-
-    dc = columns("f_dc_0", "f_dc_1", "f_dc_2")[:, None]
-    if rest:
-        dc = torch.cat([dc, columns(*rest).reshape(len(vertices), 3, len(rest) // 3).transpose(1, 2)], dim=1)
+    table = Table.of(Path(path))
+    have = highest(table)
+    if degree is None and have not in N_SH:
+        raise ValueError(f"{path} has spherical harmonics of degree {have}; give degree=3 to leave out higher ones")
+    kept = have if degree is None else min(degree, have)
+    bands = [f"f_rest_{c * ((have + 1) ** 2 - 1) + k}" for c in range(3) for k in range((kept + 1) ** 2 - 1)]
+    rows = torch.from_numpy(table.columns([*CENTRE, *TURN, *SCALE, "opacity", *DC, *bands]))
+    higher = rows[:, 14:].reshape(table.count, 3, len(bands) // 3).transpose(1, 2)
     g = Gaussians(
-        means=columns("x", "y", "z"),
-        quats=columns("rot_0", "rot_1", "rot_2", "rot_3"),
-        log_scales=columns("scale_0", "scale_1", "scale_2"),
-        logit_opacities=columns("opacity")[:, 0],
-        sh=dc.contiguous(),
+        means=rows[:, :3].contiguous(),
+        quats=rows[:, 3:7].contiguous(),
+        log_scales=rows[:, 7:10].contiguous(),
+        logit_opacities=rows[:, 10].contiguous(),
+        sh=torch.cat([rows[:, None, 11:14], higher], dim=1),
     )
-    return turned(g, -_quarter_turns(up))
+    return upright(g, up)
+
+
+def highest(table: Table) -> int:
+    """Degree of the spherical harmonics in a file of Gaussians.
+
+    Raises:
+        ValueError: a property is missing.
+    """
+    have = set(table.names)
+    if "packed_position" in have:
+        raise ValueError(
+            f"{table.path} is a compressed .ply; make it a plain one first: splat-transform in.compressed.ply out.ply"
+        )
+    if missing := [name for name in (*CENTRE, *DC, "opacity", *SCALE, *TURN) if name not in have]:
+        hint = "; a mesh is read with gaussians=mesh" if {*DC, "opacity"} <= set(missing) else ""
+        raise ValueError(f"{table.path} holds no Gaussians: the properties {', '.join(missing)} are missing{hint}")
+    rest = sum(name.startswith("f_rest_") for name in have)
+    degree = math.isqrt(rest // 3 + 1) - 1
+    if 3 * ((degree + 1) ** 2 - 1) != rest:
+        raise ValueError(f"{table.path} has {rest} f_rest properties; 0, 9, 24 or 45 make degree 0, 1, 2 or 3")
+    if gaps := [i for i in range(rest) if f"f_rest_{i}" not in have]:
+        raise ValueError(f"{table.path} holds no Gaussians: the property f_rest_{gaps[0]} is missing")
+    return degree
+
+
+def upright(gaussians: Gaussians, up: Up) -> Gaussians:
+    """Gaussians z-up, from axes that follow ``up``."""
+    return turned(gaussians, upright_turn(up))
+
+
+def upright_turn(up: str) -> int:
+    """Quarter turns about x that bring axes that follow ``up`` to z-up."""
+    return -_quarter_turns(up)
 
 
 def turned(gaussians: Gaussians, quarters: int) -> Gaussians:
@@ -143,38 +150,3 @@ def _quarter_turns(up: str) -> int:
     if up not in QUARTER_TURNS:
         raise ValueError(f"up must be one of {', '.join(QUARTER_TURNS)}, got {up!r}")
     return QUARTER_TURNS[up]
-
-
-def _vertices(path: Path) -> np.ndarray:
-    """The vertex table of a binary .ply file, as a structured array."""
-    data = path.read_bytes()
-    end = data.find(b"end_header\n")
-    if not data.startswith(b"ply") or end < 0:
-        raise ValueError(f"{path} is not a .ply file: it lacks the word 'ply' at its start or a line 'end_header'")
-    order, count, fields, element, before = "", 0, [], "", True
-    for line in data[:end].decode("ascii", "replace").splitlines():
-        match line.split():
-            case ["format", kind, *_]:
-                order = {"binary_little_endian": "<", "binary_big_endian": ">"}.get(kind, "")
-                if not order:
-                    raise ValueError(
-                        f"{path} has the format {kind}; binary_little_endian or binary_big_endian is needed"
-                    )
-            case ["element", name, number]:
-                element, before = name, before and (name == "vertex" or int(number) == 0)
-                count = int(number) if name == "vertex" else count
-            case ["property", kind, name] if element == "vertex":
-                if kind not in SCALARS:
-                    raise ValueError(f"{path}: property {name} has the unknown type {kind}")
-                fields.append((name, order + SCALARS[kind]))
-            case ["property", "list", *_] if element == "vertex":
-                raise ValueError(f"{path}: a vertex with a list property is not a Gaussian")
-        if element == "vertex" and not before:
-            raise ValueError(f"{path}: the element 'vertex' must come first")
-    table = np.dtype(fields)
-    body = data[end + len(b"end_header\n") :]
-    if len(body) < count * table.itemsize:
-        raise ValueError(
-            f"{path} is cut off: {count} Gaussians need {count * table.itemsize} bytes, {len(body)} are there"
-        )
-    return np.frombuffer(body, dtype=table, count=count)

@@ -123,6 +123,40 @@ def test_other_programs_files_are_read(tmp_path: Path) -> None:
         assert torch.equal(getattr(back, name), getattr(g, name)), name
 
 
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+@pytest.mark.parametrize("parted", [" ", "\n", "\t "])
+def test_text_is_read_like_bytes(end: str, parted: str, tmp_path: Path) -> None:
+    """Nine digits determine a float32: the ASCII file gives the same bits, wherever its lines break, and what follows
+    the vertices is not looked at. 3000 Gaussians are longer than what is read at once."""
+    import numpy as np
+
+    g = make(3000, 1)
+    ply.write(tmp_path / "g.ply", g)
+    head, _, body = (tmp_path / "g.ply").read_bytes().partition(b"end_header\n")
+    head = head.replace(b"binary_little_endian", b"ascii") + b"element face 1\nproperty list uchar int i\nend_header\n"
+    numbers = [f"{v:.9g}" for v in np.frombuffer(body, "<f4")]
+    written = parted.join([*numbers, "3", "0", "1", "2"]) + end
+    (tmp_path / "t.ply").write_bytes(head.replace(b"\n", end.encode()) + written.encode())
+    ours, theirs = ply.read(tmp_path / "t.ply"), ply.read(tmp_path / "g.ply")
+    for name in FIELDS:
+        assert torch.equal(getattr(ours, name), getattr(theirs, name)), name
+
+
+def test_higher_harmonics_are_left_out_when_asked(tmp_path: Path) -> None:
+    """Degree 4, which some trainers write, is read to degree 3 if so asked and refused otherwise; the channels of a
+    lower degree are those of the file."""
+    g = make(5, 3)
+    ply.write(tmp_path / "g.ply", g, up="z_up")
+    for degree in range(4):
+        back = ply.read(tmp_path / "g.ply", up="z_up", degree=degree)
+        assert torch.equal(back.sh, g.sh[:, : (degree + 1) ** 2])
+    more = Gaussians(g.means, g.quats, g.log_scales, g.logit_opacities, torch.cat([g.sh, g.sh[:, :9]], dim=1))
+    ply.write(tmp_path / "more.ply", more, up="z_up")
+    assert torch.equal(ply.read(tmp_path / "more.ply", up="z_up", degree=3).sh, g.sh)
+    with pytest.raises(ValueError, match="degree 4; give degree=3"):
+        ply.read(tmp_path / "more.ply")
+
+
 def test_errors_say_what_is_wrong(tmp_path: Path) -> None:
     path = tmp_path / "g.ply"
     g = make(3, 0)
@@ -134,8 +168,8 @@ def test_errors_say_what_is_wrong(tmp_path: Path) -> None:
     path.write_bytes(data.replace(b"property float opacity\n", b"property float opaque_\n"))
     with pytest.raises(ValueError, match="properties opacity are missing"):
         ply.read(path)
-    path.write_bytes(data.replace(b"binary_little_endian", b"ascii"))
-    with pytest.raises(ValueError, match="format ascii"):
+    path.write_bytes(data.replace(b"binary_little_endian", b"binary"))
+    with pytest.raises(ValueError, match="format 'binary'; binary_little_endian, binary_big_endian, ascii are read"):
         ply.read(path)
     path.write_bytes(b"GIF89a")
     with pytest.raises(ValueError, match=r"not a \.ply file"):

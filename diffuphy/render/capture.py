@@ -1,0 +1,138 @@
+"""Captured scenes as other programs leave them: a file of Gaussians, or the folder of a trained scene.
+
+A folder is that of the original code (Kerbl et al. 2023): ``point_cloud/iteration_N/point_cloud.ply`` and
+``cameras.json``.
+"""
+
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from diffuphy.render import ply
+from diffuphy.render.ply_table import Table
+from diffuphy.render.sh import from_rgb
+from diffuphy.types import Camera, Gaussians
+
+SPLAT = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), ("quat", "u1", 4)])
+"""One Gaussian of a .splat file, 32 bytes: scales as they are, opacity and colour in 255ths, a quaternion wxyz in
+128ths about 128 (github.com/antimatter15/splat, ``convert.py``)."""
+
+MAX_CAMERAS = 2**26
+"""Longest cameras.json [byte]; 100 000 cameras take about 40 MB."""
+
+
+def source(path: Path | str) -> Path:
+    """The file of Gaussians that ``path`` means: itself, or in a folder that of the newest iteration.
+
+    Raises:
+        ValueError: nothing there, a folder without such a file, or a format that is not read.
+    """
+    path = Path(path).expanduser()
+    if path.is_dir():
+        found = {
+            int(m[1]): file
+            for file in path.glob("point_cloud/iteration_*/point_cloud.ply")
+            if (m := re.fullmatch(r"iteration_(\d{1,9})", file.parent.name))
+        }
+        if not found:
+            raise ValueError(f"the folder {path} has no point_cloud/iteration_N/point_cloud.ply; name a .ply file")
+        path = found[max(found)]
+    if not path.is_file():
+        raise ValueError(f"there is no file {path}")
+    if path.suffix.lower() not in (".ply", ".splat"):
+        raise ValueError(
+            f"{path} is neither a .ply nor a .splat file; a mesh is read with gaussians=mesh, other Gaussians are "
+            f"converted first: splat-transform {path.name} out.ply"
+        )
+    return path
+
+
+def count(path: Path | str) -> int:
+    """Gaussians in a file; reads its header alone."""
+    path = source(path)
+    return Table.of(path).count if path.suffix.lower() == ".ply" else _splats(path)
+
+
+def read(path: Path | str, *, up: ply.Up = "y_down", degree: int | None = None) -> Gaussians:
+    """Gaussians, float32 and z-up, of a .ply or .splat file or of a folder; see ``ply.read``."""
+    path = source(path)
+    return ply.read(path, up=up, degree=degree) if path.suffix.lower() == ".ply" else read_splat(path, up=up)
+
+
+def read_splat(path: Path, *, up: ply.Up = "y_down") -> Gaussians:
+    """Gaussians of a .splat file; their colours do not depend on the view.
+
+    Opacities 0 and 255 are read as half a level inside, so that they have a logit.
+
+    Raises:
+        ValueError: the length is no multiple of 32 bytes.
+    """
+    n = _splats(path)
+    rows = np.fromfile(path, SPLAT, n)
+    rgba = torch.from_numpy(rows["rgba"].astype(np.float32))
+    g = Gaussians(
+        means=torch.from_numpy(rows["mean"].astype(np.float32)),
+        quats=(torch.from_numpy(rows["quat"].astype(np.float32)) - 128) / 128,
+        log_scales=torch.from_numpy(rows["scale"].astype(np.float32)).log(),
+        logit_opacities=torch.logit(rgba[:, 3].clamp(0.5, 254.5) / 255),
+        sh=from_rgb(rgba[:, :3] / 255),
+    )
+    return ply.upright(g, up)
+
+
+def _splats(path: Path) -> int:
+    size = path.stat().st_size
+    if size % SPLAT.itemsize:
+        raise ValueError(f"{path} is no .splat file, or is cut off: {size} bytes are no multiple of {SPLAT.itemsize}")
+    return size // SPLAT.itemsize
+
+
+def cameras(path: Path | str) -> tuple[Camera, ...]:
+    """The cameras of a trained scene, one a picture, in the axes of its file.
+
+    The original code stores centre and orientation of the camera in the world, rows of the rotation, and focal lengths
+    in pixels; the optical axis goes through the middle of the picture.
+
+    Args:
+        path: the scene's folder, or its cameras.json.
+
+    Raises:
+        ValueError: no such file, or one that holds no cameras.
+    """
+    path = Path(path).expanduser()
+    path = path / "cameras.json" if path.is_dir() else path
+    if not path.is_file():
+        raise ValueError(f"there is no file {path}")
+    if path.stat().st_size > MAX_CAMERAS:
+        raise ValueError(f"{path} has {path.stat().st_size} bytes; at most {MAX_CAMERAS} are read")
+    try:
+        entries = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as e:
+        raise ValueError(f"{path} is no JSON: {type(e).__name__}") from None
+    if not isinstance(entries, list):
+        raise ValueError(f"{path} must hold a list of cameras, got {type(entries).__name__}")
+    return tuple(_camera(path, i, entry) for i, entry in enumerate(entries))
+
+
+def _camera(path: Path, index: int, entry: Any) -> Camera:
+    try:
+        width, height = int(entry["width"]), int(entry["height"])
+        fx, fy = float(entry["fx"]), float(entry["fy"])
+        R = torch.tensor(entry["rotation"], dtype=torch.float64)
+        centre = torch.tensor(entry["position"], dtype=torch.float64)
+    except (KeyError, TypeError, ValueError, OverflowError, RuntimeError) as e:
+        raise ValueError(f"{path}: camera {index} is incomplete: {type(e).__name__} {e}") from None
+    if R.shape != (3, 3) or centre.shape != (3,) or not (0 < width < 2**16 and 0 < height < 2**16):
+        raise ValueError(f"{path}: camera {index} needs a 3 x 3 rotation, a position, and sides of 1 to 65535 px")
+    unit = (R @ R.mT - torch.eye(3, dtype=R.dtype)).abs().amax() < 1e-3 and torch.det(R) > 0
+    if not (unit and centre.isfinite().all() and 0 < fx < math.inf and 0 < fy < math.inf):
+        raise ValueError(f"{path}: camera {index} has no proper rotation, a centre or a focal length that is no number")
+    view = torch.eye(4, dtype=torch.float64)
+    view[:3, :3], view[:3, 3] = R.mT, -R.mT @ centre
+    K = torch.tensor([[fx, 0.0, width / 2], [0.0, fy, height / 2], [0.0, 0.0, 1.0]])
+    return Camera(view[None].float(), K[None], width, height)
