@@ -55,8 +55,8 @@ def preset(path: Path, particles: int | None = None) -> str:
         "material": settings(material(str(path))),
     }
     head = (
-        f"# @package _global_\n# The scene of {path.name}, in metres, seconds, kilograms; the origin is the middle of "
-        "the object, z is up.\ndefaults:\n  - override /scene: stated\n  - override /material: stated\n"
+        f"# @package _global_\n# The scene of {path.name}, in metres, seconds, kilograms; the floor is z = 0, "
+        "the object above the origin.\ndefaults:\n  - override /scene: stated\n  - override /material: stated\n"
     )
     return head + OmegaConf.to_yaml(OmegaConf.create(body))
 

@@ -9,6 +9,7 @@ from diffuphy.mpm.boundary import Boundary, Vec, vector
 from diffuphy.mpm.drive import Drive, Impulse
 from diffuphy.mpm.drive.select import Where, as_where, chosen
 from diffuphy.mpm.scene import GRAVITY, Scene
+from diffuphy.mpm.state import placed
 from diffuphy.mpm.trajectory import Play
 from diffuphy.types import Motion, Particles
 
@@ -54,10 +55,8 @@ class Push:
 
 @dataclass(frozen=True)
 class Stated(Play):
-    """Plays a scene of given walls and drives.
-
-    The frame is that of the particles: metres, z up, the origin in the middle of the object.
-    """
+    """Plays a scene of given walls and drives: metres, z up, the floor of the film at z = 0, the object above the
+    origin."""
 
     size: float | None = None
     """Longest side of the object that the scene is meant for [m]; None fits every object."""
@@ -67,8 +66,8 @@ class Stated(Play):
     """Initial velocity of the object [m/s]."""
     spin: Vec = (0.0, 0.0, 0.0)
     """Initial angular velocity about the centre of mass [rad/s]."""
-    lift: float | None = None
-    """Initial height of the underside [m]; None leaves the particles about the origin."""
+    height: float | None = None
+    """Height of the middle of the object at the beginning [m]; None: it stands on z = 0."""
     boundaries: tuple[Boundary, ...] = ()
     """Walls, which act in this order; see ``mpm.boundary``."""
     drives: tuple[Drive, ...] = ()
@@ -80,6 +79,8 @@ class Stated(Play):
         super().__post_init__()
         if self.size is not None and not 0.0 < self.size < math.inf:
             raise ValueError(f"size must be positive and finite, got {self.size} m; null fits every object")
+        if self.height is not None and not math.isfinite(self.height):
+            raise ValueError(f"height must be finite, got {self.height} m; null stands the object on z = 0")
         for name in ("gravity", "velocity", "spin"):
             object.__setattr__(self, name, vector(name, getattr(self, name)))
         for name in ("boundaries", "drives", "pushes"):
@@ -98,14 +99,20 @@ class Stated(Play):
                 f"the scene is meant for an object {self.size:g} m long, this one is {motion.size:g} m: say its size in "
                 f"the prompt, or set refine.default_size={self.size:g}; scene.size=null plays the walls as they stand"
             )
-        # a plan asks for the scene before there are particles: each push then counts as that of one
-        return self._scene(self.dx(particles), getattr(particles, "x", None))
+        dx = self.dx(particles)
+        if not hasattr(particles, "x"):  # a plan asks before there are particles: a push then counts as that of one
+            return self._scene(dx, None, 0.0)
+        lift = 0.0
+        if self.height is not None:  # of the underside, as ``Scene`` has it
+            lift = self.height + float((particles.x[:, 2] - 0.5 * particles.vol ** (1 / 3)).min())
+        scene = self._scene(dx, None, lift)
+        return self._scene(dx, placed(scene, particles.x, particles.vol), lift)
 
-    def _scene(self, dx: float, x: Tensor | None) -> Scene:
+    def _scene(self, dx: float, x: Tensor | None, lift: float = 0.0) -> Scene:
         pushes = tuple(self._pushed(k, push, x) for k, push in enumerate(self.pushes))
         return Scene(
             gravity=self.gravity, dx=dx, fps=self.fps, frames=self.frames,
-            velocity=self.velocity, spin=self.spin, lift=self.lift, boundaries=self.boundaries,
+            velocity=self.velocity, spin=self.spin, lift=lift, boundaries=self.boundaries,
             drives=(*self.drives, *pushes), cfl=self.cfl, scheme=self.scheme,
         )  # fmt: skip
 

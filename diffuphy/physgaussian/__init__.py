@@ -40,6 +40,7 @@ def played(file: SceneFile, particles: int | None = None, **settings: Any) -> St
         "seconds": file["frame_num"] * file["frame_dt"],
         "fps": 1.0 / file["frame_dt"],
         "size": file["scale"],
+        "height": there.frame.height,
         "gravity": there.frame.vector(file["g"]),
         "boundaries": there.boundaries,
         "drives": there.drives,

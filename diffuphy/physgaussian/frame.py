@@ -1,6 +1,6 @@
-"""The box of a scene file in the frame of the particles: x = Q (x_box − (1, 1, 1)), metres in both.
+"""The box of a scene file in the frame of a film: x = Q (x_box − (1, 1, 1)) + (0, 0, height), metres in both.
 
-There the object's middle is put at (1, 1, 1) and any direction may be up; here it is the origin, and z is up. Q is the
+There the object's middle is put at (1, 1, 1) and any direction may be up; here z is up and the floor is z = 0. Q is the
 smallest turn that takes their vertical to z. It maps axes to axes, so that boxes stay boxes.
 """
 
@@ -20,6 +20,8 @@ class Frame:
 
     up: Vec = (0.0, 0.0, 1.0)
     """The vertical of the box, along one of its axes."""
+    height: float = 0.0
+    """Height of the middle of the object [m]; 0 is the frame of the particles."""
 
     def __post_init__(self) -> None:
         if np.count_nonzero(self.up) != 1:
@@ -43,7 +45,7 @@ class Frame:
 
     def point(self, x: Vec) -> Vec:
         """A place [m]."""
-        return _tuple(self.turn @ (np.asarray(x) - MIDDLE))
+        return _tuple(self.turn @ (np.asarray(x) - MIDDLE) + (0.0, 0.0, self.height))
 
     def edges(self, half: Vec) -> Vec:
         """Edges of a box from its half ones [m]."""

@@ -42,7 +42,7 @@ class Row:
 
 def rows(file: SceneFile, particles: int | None = None) -> list[Row]:
     """Every value that the file gives, and the defaults that the motion depends on."""
-    return [*_matter(file), *_motion(file), *_conditions(file, particles), *_rest(file)]
+    return [*_matter(file), *_motion(file), *_conditions(file, particles), *_rest(file, particles)]
 
 
 def _row(file: SceneFile, key: str, here: str, unit: str = "") -> Row:
@@ -109,7 +109,9 @@ def _conditions(file: SceneFile, particles: int | None) -> Iterator[Row]:
         yield Row(f"{c.place} {c.kind}", there, f"{kinds}: {meaning.remark}")
 
 
-def _rest(file: SceneFile) -> Iterator[Row]:
+def _rest(file: SceneFile, particles: int | None) -> Iterator[Row]:
+    height = world(file, particles).frame.height
+    yield Row("[1, 1, 1]", "the middle of the object", f"scene.height = {height:.4g} m above the floor that is drawn")
     up = "mpm_space_vertical_upward_axis"
     if up in file.given:
         yield _row(file, up, "turned to z, with all walls and drives")

@@ -74,7 +74,8 @@ def world(file: SceneFile, particles: int | None = None) -> World:
     Raises:
         ValueError: a condition that has no meaning, by its place in the file.
     """
-    frame = Frame(file["mpm_space_vertical_upward_axis"])
+    up = file["mpm_space_vertical_upward_axis"]
+    frame = Frame(up, -ground(file, Frame(up)))
     meanings = []
     for c in file.conditions:
         try:
@@ -83,6 +84,33 @@ def world(file: SceneFile, particles: int | None = None) -> World:
             raise ValueError(f"{c.place}: {e}") from None
         meanings.append(Meaning(c, made, remark))
     return World(tuple(meanings), damping(file["grid_v_damping_scale"], file["substep_dt"]), frame)
+
+
+def ground(file: SceneFile, frame: Frame) -> float:
+    """Where the floor of the film is drawn, above the middle of the object [m]: at the highest plane beneath it, else at
+    the bottom of the bounding box if there is gravity, else where the object may reach down to."""
+    under = -0.5 * file["scale"]
+    planes = [
+        frame.point(c["point"])[2]
+        for c in file.conditions
+        if c.kind == "surface_collider" and _is_floor(frame.vector(c["normal"]))
+    ]
+    if planes := [z for z in planes if z < 0.0]:
+        return max(planes)
+    if any(file["g"]) and any(c.kind == "bounding_box" for c in file.conditions):
+        low, _high = _inside(file, frame)
+        return low[2]
+    return under
+
+
+def _is_floor(normal: tuple[float, float, float]) -> bool:
+    return normal[2] > 0.0 and not any(normal[:2])
+
+
+def _inside(file: SceneFile, frame: Frame) -> tuple[Any, Any]:
+    """Corners of the bounding box."""
+    half = 0.5 * file["grid_lim"]
+    return frame.corners((half,) * 3, (half - PADDING * file.dx,) * 3)
 
 
 def damping(scale: float, dt: float) -> Drag | None:
@@ -101,8 +129,7 @@ def _in_box(frame: Frame, c: Condition) -> InBox:
 
 
 def _bounding_box(file: SceneFile, frame: Frame, c: Condition, particles: int | None) -> tuple[Made, str]:
-    inner, half = PADDING * file.dx, 0.5 * file["grid_lim"]
-    low, high = frame.corners((half,) * 3, (half - inner,) * 3)
+    low, high = _inside(file, frame)
     return container(low, high), f"six walls {PADDING} cells inside the grid that push and do not rub, as there"
 
 
