@@ -96,8 +96,8 @@ class Stated(Play):
         """
         if self.size is not None and abs(motion.size - self.size) > ALIKE * self.size:
             raise ValueError(
-                f"the scene is meant for an object {self.size:g} m long, this one is {motion.size:g} m: say its size in "
-                f"the prompt, or set refine.default_size={self.size:g}; scene.size=null plays the walls as they stand"
+                f"the scene is meant for an object {self.size:g} m long, this one is {motion.size:g} m: set "
+                f"refine.default_size={self.size:g}, or say its size in the prompt"
             )
         dx = self.dx(particles)
         if not hasattr(particles, "x"):  # a plan asks before there are particles: a push then counts as that of one
@@ -123,4 +123,3 @@ class Stated(Play):
         if not (many := int(chosen(push.where, x.detach()).sum())):
             raise ValueError(f"pushes[{k}] meets none of the {len(x)} particles: where = {push.where}")
         return push.impulse(many, len(x))
-

@@ -33,7 +33,7 @@ def played(file: SceneFile, particles: int | None = None, **settings: Any) -> St
 
     Args:
         particles: of the scene for which the file was written; see ``world``.
-        settings: of ``Stated``, in the place of those that the file implies.
+        settings: of ``Stated``, in the place of those that the file implies; None keeps the file's.
     """
     there = world(file, particles)
     told: dict[str, Any] = {
@@ -47,7 +47,7 @@ def played(file: SceneFile, particles: int | None = None, **settings: Any) -> St
         "pushes": there.pushes,
         "scheme": Scheme(contact="elastic"),
     }
-    return Stated(**told | settings)
+    return Stated(**told | {name: value for name, value in settings.items() if value is not None})
 
 
 def scene(file: str | None = None, particles: int | None = None, **settings: Any) -> Stated:
@@ -63,10 +63,15 @@ def scene(file: str | None = None, particles: int | None = None, **settings: Any
     return played(written, particles, **settings)
 
 
-def material(file: str | None = None) -> StatedMaterial:
+def material(file: str | None = None, **fitting: Any) -> StatedMaterial:
     """Component of the material stage: what the scene file at a path says that the object is made of.
+
+    Args:
+        fitting: settings of a fit, which presets of whole runs change; they are logged, and change nothing.
 
     Raises:
         ValueError: see ``read``.
     """
+    if fitting:
+        log.info("material: %s not used: the scene file gives the material, nothing is fitted", ", ".join(fitting))
     return matter(_named(file))

@@ -35,14 +35,12 @@ def _is_number(value: Any) -> bool:
         return False
 
 
-def number(low: float = -math.inf, high: float = math.inf, *, above: bool = False, below: bool = False) -> Reader:
-    """A finite number in [low, high], with ``above`` in (low, high], with ``below`` in [low, high)."""
-    sides = f"{'(' if above or low == -math.inf else '['}{low:g}, {high:g}{')' if below or high == math.inf else ']'}"
+def number(low: float, high: float) -> Reader:
+    """A number in [low, high]."""
 
     def read(value: Any) -> float:
-        fits = _is_number(value) and low <= value <= high
-        if not fits or (above and value == low) or (below and value == high):
-            raise ValueError(f"must be a number in {sides}, got {shown(value)}")
+        if not _is_number(value) or not low <= value <= high:
+            raise ValueError(f"must be a number in [{low:g}, {high:g}], got {shown(value)}")
         return float(value)
 
     return read
@@ -109,8 +107,11 @@ def optional(reader: Reader) -> Reader:
     return lambda value: None if value is None else reader(value)
 
 
-NUMBER, POSITIVE, NOT_NEGATIVE = number(), number(0.0, above=True), number(0.0)
-VECTOR, SIZES, TIME = several(NUMBER, 3), several(POSITIVE, 3), number(0.0)
+LEAST, MOST = 1e-12, 1e15
+"""Between them lies every positive quantity of a scene in SI units; what is computed from such numbers is finite."""
+
+NUMBER, POSITIVE, NOT_NEGATIVE = number(-MOST, MOST), number(LEAST, MOST), number(0.0, MOST)
+VECTOR, SIZES, TIME = several(NUMBER, 3), several(POSITIVE, 3), NOT_NEGATIVE
 AXIS = whole(0, 2)
 
 
@@ -149,7 +150,7 @@ REGION: Mapping[str, Key] = {
     "point": Key(VECTOR),
     "size": Key(SIZES),
     "E": Key(POSITIVE),
-    "nu": Key(number(0.0, 0.5, below=True)),
+    "nu": Key(number(0.0, 0.4999)),
     "density": Key(optional(POSITIVE), None),
 }
 """One of ``additional_material_params``; without a density that of the file."""
@@ -192,16 +193,16 @@ is the surface "collide"."""
 KEYS: Mapping[str, Key] = {
     "material": Key(one_of(*MATERIALS), "jelly"),
     "E": Key(POSITIVE, 1e5),
-    "nu": Key(number(0.0, 0.5, below=True), 0.4),
+    "nu": Key(number(0.0, 0.4999), 0.4),
     "density": Key(POSITIVE, 200.0),
     "g": Key(VECTOR, (0.0, 0.0, -9.8)),
     "yield_stress": Key(NOT_NEGATIVE, 0.0),
     "hardening": Key(flag, False),
     "xi": Key(NOT_NEGATIVE, 0.0),
     "softening": Key(NOT_NEGATIVE, 0.1),
-    "friction_angle": Key(number(0.0, 90.0, below=True), 25.0),
+    "friction_angle": Key(number(0.0, 89.0), 25.0),
     "plastic_viscosity": Key(NOT_NEGATIVE, 0.0),
-    "rpic_damping": Key(number(-math.inf, 1.0), 0.0),
+    "rpic_damping": Key(number(-MOST, 1.0), 0.0),
     "pic_damping": Key(NUMBER, 0.0),
     "grid_v_damping_scale": Key(POSITIVE, 1.1),
     "grid_lim": Key(POSITIVE, 2.0),

@@ -101,7 +101,9 @@ def _loads(content: bytes) -> Any:
         found = dict(pairs)
         if len(found) < len(pairs):
             names = [name for name, _ in pairs]
-            raise ValueError(f"the key {shown(next(n for n in names if names.count(n) > 1))} stands twice in one object")
+            raise ValueError(
+                f"the key {shown(next(n for n in names if names.count(n) > 1))} stands twice in one object"
+            )
         return found
 
     try:
@@ -176,9 +178,7 @@ def _agree(file: SceneFile) -> None:
             f"{len(file['rotation_degree'])} and {len(file['rotation_axis'])} values"
         )
     if file.substeps < 1:
-        raise ValueError(
-            f"frame_dt must be at least substep_dt, got {file['frame_dt']:g} and {file['substep_dt']:g} s"
-        )
+        raise ValueError(f"frame_dt must be at least substep_dt, got {file['frame_dt']:g} and {file['substep_dt']:g} s")
     half = 0.5 * file["scale"]
     if not (1.0 - half >= 0.0 and 1.0 + half <= file["grid_lim"]):
         raise ValueError(

@@ -87,8 +87,8 @@ def world(file: SceneFile, particles: int | None = None) -> World:
 
 
 def ground(file: SceneFile, frame: Frame) -> float:
-    """Where the floor of the film is drawn, above the middle of the object [m]: at the highest plane beneath it, else at
-    the bottom of the bounding box if there is gravity, else where the object may reach down to."""
+    """Where the floor of the film is drawn, above the middle of the object [m]: at the highest plane beneath it, else
+    at the bottom of the bounding box if there is gravity, else where the object may reach down to."""
     under = -0.5 * file["scale"]
     planes = [
         frame.point(c["point"])[2]
