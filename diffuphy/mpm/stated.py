@@ -103,9 +103,9 @@ class Stated(Play):
         thin = min(self.boundaries, key=lambda b: b.thickness, default=None)
         if thin is not None and thin.thickness < 3.0 * dx:
             raise ValueError(
-                f"boundaries[{self.boundaries.index(thin)}], a {type(thin).__name__} {thin.thickness:.3g} m thick, slips "
-                f"between grid nodes {dx:.3g} m apart: set sample.cells={math.ceil(3 * motion.size / thin.thickness)}, "
-                "and sample.max_particles so that it is not made coarser again"
+                f"boundaries[{self.boundaries.index(thin)}], a {type(thin).__name__} {thin.thickness:.3g} m thick, "
+                f"slips between grid nodes {dx:.3g} m apart: set sample.cells="
+                f"{math.ceil(3 * motion.size / thin.thickness)}, and sample.max_particles to match"
             )
         if not hasattr(particles, "x"):  # a plan asks before there are particles: a push then counts as that of one
             return self._scene(dx, None, 0.0)

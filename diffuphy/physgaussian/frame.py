@@ -41,7 +41,8 @@ class Frame:
 
     def vector(self, v: Vec) -> Vec:
         """A direction, a velocity, an acceleration."""
-        return _tuple(self.turn @ np.asarray(v))
+        x, y, z = (float(c) + 0.0 for c in self.turn @ np.asarray(v))
+        return x, y, z
 
     def point(self, x: Vec) -> Vec:
         """A place [m]."""
@@ -58,6 +59,6 @@ class Frame:
 
 
 def _tuple(v: np.ndarray) -> Vec:
-    """Three numbers, to the picometre: the digits that typed ones have."""
+    """A length along each axis, to the picometre: 0.48 − 1 is −0.52 again."""
     x, y, z = (round(float(c), 12) + 0.0 for c in v)
     return x, y, z
