@@ -62,6 +62,8 @@ def test_given_material_leaves_learning_out():
     assert decision(plan, "material") == "given" and decision(plan, "walls") == "kept"
     assert not [line for line in plan.lines if line.what in ("video SDS", "gradient", "enumeration")]
     assert plan.components["material"] == StatedMaterial((metal,))
+    with pytest.raises(ValueError, match="accuracy"):  # without the price that nobody knows how to count
+        make_plan(given, prompt("rubber"), accuracy=1e-6)
 
 
 def test_sand_keeps_return_mapping_and_two_gradients():

@@ -78,6 +78,19 @@ def test_surfaces_are_four_different_things(surface, kind, mu):
     assert ("not used" in remark) == (mu == 0.0)
 
 
+def test_what_lies_on_a_surface_that_slips_slides():
+    """v = g_x t along the wall, exactly; there it would be held."""
+    wall = {"type": "surface_collider", "point": [1, 1, 0.5], "normal": [0, 0, 1], "surface": "slip", "friction": 0}
+    data = {"g": [4.0, 0, -9.8], "E": 1e6, "nu": 0.2, "density": 1000, "boundary_conditions": [wall | SPAN]}
+    trajectory, _, _, _ = film(data, 10)
+    v = trajectory.v[..., 0].double().mean(1)
+    times = 0.01 * torch.arange(11, dtype=torch.float64)
+    torch.testing.assert_close(v, 4.0 * times, rtol=1e-6, atol=1e-9)  # stored in float32
+    # set down at once, its middle swings between 0 and twice the sag, which is less than ρ g H²/(2E); ½ g t² is 49 mm
+    fallen = float((trajectory.x[0] - trajectory.x[-1])[:, 2].mean())
+    assert 0.0 <= fallen < 1000 * 9.8 / 1e6
+
+
 def test_sdf_collider_is_two_walls():
     walls, _, _ = meaning("sdf_collider", bound=0.3, dim=1, start_time=0, end_time=2)
     assert [(w.normal, w.point[1]) for w in walls] == [
