@@ -99,8 +99,11 @@ class Evaluate:
             reason = f"evaluate.{name}=null" if network is None else network.missing()
             usable[name] = None if reason else network
             why |= dict.fromkeys(metrics, reason) if reason else {}
-        if not self.references:
+        references = self.references if hasattr(components["material"], "net") else ()
+        if not references:
             reason = "evaluate.references=[]: each seed, of a network that was never trained, costs another film"
+            if self.references:
+                reason = "the material is given: no network was trained that could be compared with an untrained one"
             why |= dict.fromkeys(WITH_REFERENCE + WITH_BOTH + WITH_VIDEO, reason)
         fit = components["gaussians"]
         prior = self.prior or getattr(getattr(fit, "guidance", None), "references", None)
@@ -112,9 +115,9 @@ class Evaluate:
             )
         open_ = {"scene": "trajectory", "film": "clip", "material": "material"}
         found = {name: getattr(self, name) or components[stage] for name, stage in open_.items()}
-        if not self.references:
+        if not references:
             found["material"] = None  # what is not used must not be part of the key
-        return dataclasses.replace(self, **usable, **found, prior=prior, absent=why)
+        return dataclasses.replace(self, **usable, **found, prior=prior, absent=why, references=references)
 
     # ------------------------------------------------------------------ the stage
     def __call__(

@@ -10,6 +10,7 @@ import torch
 from diffuphy.artifact import Done, describe
 from diffuphy.evaluate import Evaluate, world
 from diffuphy.material import presets
+from diffuphy.material.stated import Piece, StatedMaterial
 from diffuphy.metrics.score import Score, Scores
 from diffuphy.mpm.trajectory import Simulate
 from diffuphy.plan.scores import score_lines
@@ -79,6 +80,12 @@ def test_references_change_the_key_and_what_is_unused_does_not():
     assert describe(plain) == describe(other)
     asked = [Evaluate(references=(0,)).planned(COMPONENTS | {"material": stage(steps=s)}) for s in (3, 4)]
     assert describe(asked[0]) != describe(asked[1]) != describe(plain)
+
+
+def test_given_material_has_no_network_to_compare_with():
+    piece = Piece("fixed_corotated", "identity", 200.0, {"E": 1e4, "nu": 0.3})
+    plan = Evaluate(references=(0, 1)).planned(COMPONENTS | {"material": StatedMaterial((piece,))})
+    assert plan.references == () and plan.material is None and "material is given" in plan.absent["Diff_SSIM"]
 
 
 def test_open_fields_are_refused():

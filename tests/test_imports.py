@@ -25,6 +25,8 @@ MAY_IMPORT = {
     "material": {"types", "compiling"},
     "render": {"types", "workspace", "geometry", "compiling"},
     "mpm": {"types", "workspace", "geometry", "compiling", "material"},
+    "physgaussian": {"material", "mpm"},
+    "convert": {"physgaussian"},
     "text2gs": {"types", "workspace", "geometry", "compiling", "render", "losses", "models"},
     "appearance": {"types", "geometry", "render", "material"},
     "probe": {"types", "workspace", "render", "material", "mpm", "losses"},

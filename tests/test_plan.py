@@ -12,8 +12,10 @@ from diffuphy.fit_material import FitMaterial
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.losses.takes import Takes
 from diffuphy.losses.velocity import Velocity
-from diffuphy.mpm import Scheme
+from diffuphy.material.stated import Piece, StatedMaterial
+from diffuphy.mpm import HalfSpace, Scheme
 from diffuphy.mpm.sample import Sample
+from diffuphy.mpm.stated import Stated
 from diffuphy.mpm.trajectory import Simulate
 from diffuphy.plan import cost_lines, make_plan, predicted, pruned_lines, stage_lines
 from diffuphy.render import Film
@@ -49,6 +51,19 @@ def test_elastic_candidates_with_direct_forms_need_one_gradient_and_no_decomposi
     assert decision(plan, "principal decomposition") == "left out"
     assert decision(plan, "return mapping") == "left out"
     assert decision(plan, "mixture weights") == "left out"
+
+
+def test_given_material_leaves_learning_out():
+    """Laws are those of the pieces, whatever the prompt says; there is nothing to train, and no prior of clips."""
+    metal = Piece("hencky", "von_mises", 2500.0, {"E": 1e5, "nu": 0.3, "yield_stress": 1e3})
+    given = components() | {"material": StatedMaterial((metal,)), "trajectory": Stated(boundaries=[HalfSpace()])}
+    plan = make_plan(given, prompt("rubber"))
+    assert decision(plan, "elastic experts") == "hencky" and decision(plan, "plastic experts") == "von_mises"
+    assert decision(plan, "material") == "given" and decision(plan, "walls") == "kept"
+    assert not [line for line in plan.lines if line.what in ("video SDS", "gradient", "enumeration")]
+    assert plan.components["material"] == StatedMaterial((metal,))
+    with pytest.raises(ValueError, match="accuracy"):  # without the price that nobody knows how to count
+        make_plan(given, prompt("rubber"), accuracy=1e-6)
 
 
 def test_sand_keeps_return_mapping_and_two_gradients():

@@ -19,8 +19,8 @@ log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Simulate:
-    """Plays the scene of the prompt's motion word with the object's particles."""
+class Play:
+    """Sets particles in motion; what they meet is said by ``scene``, which the components that are played define."""
 
     VERSION: ClassVar[int] = 5
 
@@ -30,8 +30,6 @@ class Simulate:
     """Frames per second [1/s]; the time step inside a frame follows from the material."""
     particles_per_cell: float = 8.0
     """Grid spacing: Δx = spacing · this^⅓; eight keep the quadrature error below that of the grid."""
-    friction: float = 0.5
-    """Coulomb coefficient of the floor, plate and ball [-]."""
     cfl: float = 0.4
     """Courant number; explicit steps are stable to 0.75."""
     scheme: Scheme = Scheme(contact="elastic")
@@ -45,15 +43,21 @@ class Simulate:
                 "seconds, fps and particles_per_cell must be positive, "
                 f"got {self.seconds}, {self.fps}, {self.particles_per_cell}"
             )
-        # what these refuse, they refuse before the other stages run
-        Scene(dx=1.0, boundaries=(HalfSpace(friction=self.friction),), cfl=self.cfl)
+        # what it refuses, it refuses before the other stages run
+        Scene(dx=1.0, cfl=self.cfl)
+
+    @property
+    def frames(self) -> int:
+        """Frames after the initial one."""
+        return max(1, round(self.seconds * self.fps))
+
+    def dx(self, particles: Particles) -> float:
+        """Grid spacing that fits the particles [m]."""
+        return particles.spacing * self.particles_per_cell ** (1 / 3)
 
     def scene(self, motion: Motion, particles: Particles) -> Scene:
-        """The scene of the motion word, on a grid that fits the particles."""
-        frames = max(1, round(self.seconds * self.fps))
-        scene = scene_for(motion.verb, motion.size, frames=frames, fps=self.fps, friction=self.friction, cfl=self.cfl)
-        dx = particles.spacing * self.particles_per_cell ** (1 / 3)
-        return dataclasses.replace(scene, dx=dx, scheme=self.scheme)
+        """What happens around the particles."""
+        raise NotImplementedError
 
     def __call__(self, motion: Motion, particles: Particles, field: MaterialField, *, work: Workspace) -> Trajectory:
         """Positions, velocities and total deformation gradients at every frame, the initial one first."""
@@ -88,6 +92,25 @@ class Simulate:
             log.info("simulate: %d–%d substeps a frame, Δx = %.3g m", min(substeps), max(substeps), scene.dx)
         x, v, F = (torch.stack(parts) for parts in zip(*shots, strict=True))
         return Trajectory(x, v, F, self.fps)
+
+
+@dataclass(frozen=True)
+class Simulate(Play):
+    """Plays the scene of the prompt's motion word with the object's particles."""
+
+    friction: float = 0.5
+    """Coulomb coefficient of the floor, plate and ball [-]."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        HalfSpace(friction=self.friction)
+
+    def scene(self, motion: Motion, particles: Particles) -> Scene:
+        """The scene of the motion word, on a grid that fits the particles."""
+        scene = scene_for(
+            motion.verb, motion.size, frames=self.frames, fps=self.fps, friction=self.friction, cfl=self.cfl
+        )
+        return dataclasses.replace(scene, dx=self.dx(particles), scheme=self.scheme)
 
 
 def _checkpoint(shots: list[tuple], state: State) -> dict[str, Any]:

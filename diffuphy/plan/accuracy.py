@@ -26,7 +26,10 @@ def refined(
     except Unreachable as beyond:
         elastic, plastic, _ = experts(components["material"], prompt.motion)
         material = dataclasses.replace(components["material"], elastic=elastic, plastic=plastic)
-        cost = predict(beyond.best.applied(components) | {"material": material}, prompt, device=device)
+        try:
+            cost = predict(beyond.best.applied(components) | {"material": material}, prompt, device=device)
+        except AttributeError:  # a component whose work nobody knows how to count
+            raise ValueError(str(beyond)) from None
         raise ValueError(
             f"{beyond}, in about {cost.seconds / 60:.0f} min and {cost.bytes / 1e9:.1f} GB of memory"
         ) from None

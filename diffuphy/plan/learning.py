@@ -10,6 +10,8 @@ from diffuphy.plan.line import Line
 def loss_lines(components: Mapping[str, Any]) -> list[Line]:
     """Scan, gradient and losses of the material."""
     fit = components["material"]
+    if not hasattr(fit, "steps"):
+        return [Line("material", "given", f"{len(fit.pieces)} pieces with laws and parameters: nothing is learnt")]
     velocity = fit.velocity
     gathered = (velocity is not None and velocity.weight > 0 and velocity.needs) or ""
     defaults = {f.name: f.default for f in dataclasses.fields(fit)}
@@ -61,7 +63,7 @@ def model_lines(components: Mapping[str, Any]) -> list[Line]:
     lines = []
     if hasattr(pictures, "guidance") and type(pictures.guidance).__name__ != "Analytic":
         lines.append(_model_line(pictures.guidance, pictures.views, "pictures"))
-    if type(clips.guidance).__name__ != "Analytic":
+    if type(getattr(clips, "guidance", None)).__name__ not in ("Analytic", "NoneType"):
         lines.append(_model_line(clips.guidance, clips.probe.frames, "frames"))
     if (shape := getattr(pictures, "shape", None)) is not None:
         lines.append(_model_line(shape.guidance, shape.copies, "clouds"))

@@ -1,0 +1,77 @@
+"""PhysGaussian scene files: read, checked, and played with our walls, drives and materials.
+
+read        file → ``SceneFile``, every key checked, defaults filled in
+scene       file → the component that plays it (``mpm.stated.Stated``)
+material    file → the component that says what it is made of (``material.stated.StatedMaterial``)
+table       what every value means here, and what differs on purpose
+"""
+
+import logging
+from typing import Any
+
+from diffuphy.material.stated import StatedMaterial
+from diffuphy.mpm.scheme import Scheme
+from diffuphy.mpm.stated import Stated
+from diffuphy.physgaussian.matter import matter
+from diffuphy.physgaussian.scene_file import SceneFile, read
+from diffuphy.physgaussian.table import table
+from diffuphy.physgaussian.world import world
+
+__all__ = ["SceneFile", "material", "played", "read", "scene", "table"]
+
+log = logging.getLogger(__name__)
+
+
+def _named(file: str | None) -> SceneFile:
+    if not file:
+        raise ValueError("scene.file is not set: name a PhysGaussian scene file, scene.file=scene.json")
+    return read(file)
+
+
+def played(file: SceneFile, particles: int | None = None, **settings: Any) -> Stated:
+    """The component that plays a scene file.
+
+    Args:
+        particles: of the scene for which the file was written; see ``world``.
+        settings: of ``Stated``, in the place of those that the file implies; None keeps the file's.
+    """
+    there = world(file, particles)
+    told: dict[str, Any] = {
+        "seconds": file["frame_num"] * file["frame_dt"],
+        "fps": 1.0 / file["frame_dt"],
+        "size": file["scale"],
+        "height": there.frame.height,
+        "gravity": there.frame.vector(file["g"]),
+        "boundaries": there.boundaries,
+        "drives": there.drives,
+        "pushes": there.pushes,
+        "scheme": Scheme(contact="elastic"),
+    }
+    return Stated(**told | {name: value for name, value in settings.items() if value is not None})
+
+
+def scene(file: str | None = None, particles: int | None = None, **settings: Any) -> Stated:
+    """Component of the trajectory stage: plays the scene file at a path, and logs what it means.
+
+    The results do not depend on the path but on what the file says.
+
+    Raises:
+        ValueError: see ``read``, and for what has no meaning here.
+    """
+    written = _named(file)
+    log.info("%s", table(written, particles))
+    return played(written, particles, **settings)
+
+
+def material(file: str | None = None, **fitting: Any) -> StatedMaterial:
+    """Component of the material stage: what the scene file at a path says that the object is made of.
+
+    Args:
+        fitting: settings of a fit, which presets of whole runs change; they are logged, and change nothing.
+
+    Raises:
+        ValueError: see ``read``.
+    """
+    if fitting:
+        log.info("material: %s not used: the scene file gives the material, nothing is fitted", ", ".join(fitting))
+    return matter(_named(file))
