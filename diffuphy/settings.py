@@ -47,12 +47,14 @@ def _declared(tree: dict[str, Any], prefix: str) -> Iterator[tuple[str, Any, Any
 
 
 def _hints(target: Any) -> dict[str, Any]:
-    """Declared kinds of a component's settings; none for what is no component or cannot be imported."""
+    """Declared kinds of the settings of a component, or of a function that makes one; none for what is neither or
+    cannot be imported."""
     try:
         component = get_object(target) if isinstance(target, str) else None
     except Exception:  # said better by whoever makes the component
         return {}
-    return get_type_hints(component) if dataclasses.is_dataclass(component) else {}
+    declares = dataclasses.is_dataclass(component) or isinstance(component, types.FunctionType)
+    return get_type_hints(component) if declares else {}
 
 
 def fits(value: Any, hint: Any) -> bool:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from hydra import compose, initialize_config_dir
+from hydra.errors import InstantiationException
 from omegaconf import OmegaConf
 
 from diffuphy.cli import conf_dir, make
@@ -49,7 +50,22 @@ def test_scene_option_is_the_scene_of_the_file():
     assert other["material"].pieces[0].rho == 1000.0
 
 
-def test_without_a_file_the_table_alone_is_printed(tmp_path, capsys, monkeypatch):
+@pytest.mark.parametrize(
+    ("setting", "says"),
+    [
+        ("scene.file=3", ".file must be text or null, got 3"),
+        ("scene.seconds=long", "scene.seconds must be a number or null, got 'long'"),
+        ("scene.particles=0", "scene.particles must be at least 1, got 0"),
+        ("scene.file=null", "scene.file is not set"),
+    ],
+)
+def test_setting_that_makes_no_scene_is_refused(setting, says):
+    with pytest.raises((ValueError, InstantiationException)) as error:
+        stages("scene=physgaussian", *([f"scene.file={PUBLISHED[0]}"] if "file" not in setting else []), setting)
+    assert says in f"{error.value} {error.value.__cause__}"
+
+
+def test_without_a_folder_the_table_alone_is_printed(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main([str(PUBLISHED[0])]) == 0
     assert "substep_dt" in capsys.readouterr().out and list(tmp_path.iterdir()) == []

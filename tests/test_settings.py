@@ -91,6 +91,13 @@ def test_right_kinds_pass():
     check({"fit": {"_target_": "no.such.Class", "steps": "abc"}, "other": {"steps": "abc"}})
 
 
+def test_a_function_that_makes_a_component_declares_kinds_too():
+    scene = {"_target_": "diffuphy.physgaussian.scene", "file": "a.json", "particles": None, "scheme": {}}
+    check({"scene": scene})
+    with pytest.raises(ValueError, match=r"scene\.particles must be a whole number or null, got 'many'"):
+        check({"scene": scene | {"particles": "many"}})
+
+
 @pytest.mark.parametrize(
     ("tree", "says"),
     [

@@ -50,17 +50,31 @@ def played(file: SceneFile, particles: int | None = None, **settings: Any) -> St
     return Stated(**told | {name: value for name, value in settings.items() if value is not None})
 
 
-def scene(file: str | None = None, particles: int | None = None, **settings: Any) -> Stated:
+def scene(
+    file: str | None = None,
+    particles: int | None = None,
+    seconds: float | None = None,
+    fps: float | None = None,
+    **settings: Any,
+) -> Stated:
     """Component of the trajectory stage: plays the scene file at a path, and logs what it means.
 
     The results do not depend on the path but on what the file says.
 
+    Args:
+        file: path of the scene file.
+        particles: of the scene for which it was written; None: as many as there are.
+        seconds, fps: length [s] and rate [1/s] of the film in the place of the file's.
+        settings: others of ``Stated``.
+
     Raises:
         ValueError: see ``read``, and for what has no meaning here.
     """
+    if particles is not None and particles < 1:
+        raise ValueError(f"scene.particles must be at least 1, got {particles}; null takes as many as there are")
     written = _named(file)
     log.info("%s", table(written, particles))
-    return played(written, particles, **settings)
+    return played(written, particles, seconds=seconds, fps=fps, **settings)
 
 
 def material(file: str | None = None, **fitting: Any) -> StatedMaterial:
