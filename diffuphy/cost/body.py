@@ -120,7 +120,7 @@ def shape(components: Mapping[str, Any], prompt: Prompt) -> tuple[float, tuple[f
 def gaussians(fit: Any) -> tuple[float, float, float]:
     """Gaussians at the start, at the end, and on average over the steps."""
     if not hasattr(fit, "init"):  # given, not made
-        return (float(fit.count),) * 3
+        return float(fit.count), float(fit.count), float(fit.count)
     count = first = float(fit.init.count)
     total = 0.0
     for step in range(1, fit.steps + 1):

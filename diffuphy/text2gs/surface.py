@@ -99,7 +99,7 @@ class LoadMesh:
         return normalised(g.means, self.path)(g).to(work.device)
 
     def _mesh(self) -> Any:
-        import trimesh
+        import trimesh  # pyright: ignore[reportMissingImports]  # an extra
 
         try:
             mesh = trimesh.load_mesh(mesh_file(self.path))
