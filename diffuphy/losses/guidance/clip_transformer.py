@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import torch
 from torch import Tensor
@@ -30,7 +30,7 @@ class ClipTransformer(LatentDiffusion):
     cfg: float = 30.0
     """Classifier-free guidance scale; between the 5 of sampling and the 100 of distillation, not tuned on real
     weights."""
-    dtype: str = "bfloat16"  # type: ignore[assignment]
+    dtype: Literal["float32", "float16", "bfloat16"] = "bfloat16"
     """Of transformer and text encoder: they were trained in bfloat16, float16 overflows in T5."""
     size: int = 256
     """Side the frames are resized to [px], a multiple of 16."""

@@ -41,7 +41,10 @@ class CogVideoX(ClipTransformer):
         """Rotary angles of the 5b models; the 2b one has none."""
         if not denoiser.config.use_rotary_positional_embeddings:
             return {}
-        return {"image_rotary_emb": self._rotary(denoiser.config, z_t.shape[1], z_t.device)}
+        known = self._memory.setdefault("rotary", {})
+        if (key := (z_t.shape[1], z_t.device)) not in known:
+            known[key] = self._rotary(denoiser.config, *key)
+        return {"image_rotary_emb": known[key]}
 
     def latents(self, count: int) -> tuple[int, ...]:
         """(1, (T + 3)/4, C, size/8, size/8)."""
