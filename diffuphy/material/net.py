@@ -38,7 +38,8 @@ class Net:
     heads: int = 4
     """Attention heads; divides ``width``."""
     gate: GateName = "softmax"
-    """``softmax`` (paper eq. 9) or ``sparsemax``, which reaches exact zeros."""
+    """``softmax`` (paper eq. 9); ``sparsemax``, which reaches exact zeros; or ``start``: the weights stay as they are,
+    a choice of laws by the scan alone, and laws without weight are not even simulated."""
     bias: float = 8.0
     """Head start b of the start's expert in its gate [-]: 1.5 was trained away, 4 and 8 were kept; of four experts the
     others begin with 3/(3 + eᵇ) = 0.001 at 8 but 0.05 at 4, and that much plasticity a substep melts a solid."""
