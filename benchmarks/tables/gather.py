@@ -66,7 +66,7 @@ def across(rows: Sequence[Row], metric: str, variant: str) -> Mean:
 def ahead(ours: Mean, theirs: Mean) -> int:
     """+1 if ours is lower by more than the seeds' spreads together, −1 if it is higher by as much, else 0.
 
-        |Δ| > √(s² + s'²);  a method of which every run failed is behind
+    |Δ| > √(s² + s'²);  a method of which every run failed is behind
     """
     if not (ours.count and theirs.count):
         return (ours.count > 0) - (theirs.count > 0)

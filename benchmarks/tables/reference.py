@@ -57,7 +57,7 @@ class Reference:
 def children(x: Tensor, spacing: float, seed: int) -> Tensor:
     """Eight points about each of N, in pairs on opposite sides so that their mean is that point, shape (8 N, 3) [m].
 
-        x ± (h/4)(1 + ξ),   ξ uniform in (−SIDE, SIDE), one for each axis of each point
+    x ± (h/4)(1 + ξ),   ξ uniform in (−SIDE, SIDE), one for each axis of each point
     """
     draw = torch.rand(x.shape, generator=torch.Generator().manual_seed(seed)).to(x)
     reach = spacing / 4 * (1 + SIDE * (2 * draw - 1))

@@ -1,5 +1,6 @@
 """Runs of one object through the stages of ``train.py``, and the numbers of each."""
 
+import itertools
 import json
 import logging
 import math
@@ -138,7 +139,7 @@ def _step(material: Path) -> float:
     log_file = material / SCRATCH / "metrics.jsonl"
     lines = [json.loads(line) for line in log_file.read_text().splitlines()] if log_file.exists() else []
     times = [line["time"] for line in lines if "loss" in line]
-    return statistics.median(b - a for a, b in zip(times, times[1:], strict=False)) if len(times) > 1 else math.nan
+    return statistics.median(b - a for a, b in itertools.pairwise(times)) if len(times) > 1 else math.nan
 
 
 def _summary(material: Path) -> dict[str, float]:

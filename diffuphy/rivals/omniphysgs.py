@@ -94,5 +94,9 @@ class OmniPhysGS(Rival):
     def plan(self) -> list[tuple[str, str, str]]:
         return [
             ("video SDS", "kept" if self.steps else "left out", "it trains which laws each group follows"),
-            ("gradient", "straight-through", "the choice is hard, its gradient that of soft weights; parameters are fixed"),
+            (
+                "gradient",
+                "straight-through",
+                "the choice is hard, its gradient that of soft weights; parameters are fixed",
+            ),
         ]

@@ -48,8 +48,8 @@ class PhysGaussian:
     NAME: ClassVar[str] = "PhysGaussian"
 
     values: Literal["published", "table"] = "published"
-    """``published``, or ``table``: what the embedded prior itself would say of the whole object. Then nothing is left to
-    find for an object of one material, and what remains is the error of the simulation."""
+    """``published``, or ``table``: what the embedded prior itself would say of the whole object. Then nothing is left
+    to find for an object of one material, and what remains is the error of the simulation."""
     elastic: tuple[str, ...] = ()
     """Elastic law of the result; the plan writes it down."""
     plastic: tuple[str, ...] = ()

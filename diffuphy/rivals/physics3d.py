@@ -53,6 +53,10 @@ class Physics3D(DreamPhysics):
     def plan(self) -> list[tuple[str, str, str]]:
         _, gradient = super().plan()
         return [
-            ("video SDS", "kept" if self.steps else "left out", "it trains E, ν, E_N and relaxation time of each particle"),
+            (
+                "video SDS",
+                "kept" if self.steps else "left out",
+                "it trains E, ν, E_N and relaxation time of each particle",
+            ),
             gradient,
         ]

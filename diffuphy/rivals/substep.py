@@ -54,7 +54,9 @@ class LastSubstep(Bench):
             with torch.no_grad():
                 most = dataclasses.replace(scene, fps=1.0 / (T - h))
                 state = self._after(most, field, state, {"report": reports} | run)
-            state = self._after(dataclasses.replace(scene, fps=1.0 / h), field, state, {"grad": True, "keep": True} | run)
+            state = self._after(
+                dataclasses.replace(scene, fps=1.0 / h), field, state, {"grad": True, "keep": True} | run
+            )
             shots.append(state)
             state = detached(state)
             h = min(SHARE * reports[-1].dt, 0.5 * T)

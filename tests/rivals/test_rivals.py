@@ -126,7 +126,7 @@ def test_truncated_gradient_is_that_of_the_last_substep_alone():
     """∂|x_T|²/∂ ln E with the state one substep before held fixed, against central differences of that substep."""
     bench = LastSubstep.like(in_doubles(case().bench))
     field = table_field(None, LOOK, moving(), bench.draft)
-    # one particle is the stiffest: the fastest wave sets how much the scheme retains, and its maximum has one derivative
+    # one particle is the stiffest: the fastest wave sets what the scheme retains, and its maximum has one derivative
     log_E = torch.linspace(11.0, 12.0, len(bench.draft), dtype=torch.float64).requires_grad_()
 
     def with_E(y):
