@@ -34,17 +34,13 @@ class Mean:
         return cls(mean, statistics.stdev(values) if len(values) > 1 else math.nan, len(values), failed)
 
     def shown(self, scale: float = 1.0, digits: int = 2) -> str:
-        """Mean ± spread; how many failed."""
+        """Mean to so many digits ± spread to as many places; how many failed."""
         if not self.count:
             return "diverged" if self.failed else "–"
-        spread = f" ± {_number(scale * self.spread, digits)}" if self.count > 1 else ""
-        return f"{_number(scale * self.value, digits)}{spread}" + (f" ({self.failed} diverged)" if self.failed else "")
-
-
-def _number(value: float, digits: int) -> str:
-    if value == 0 or not math.isfinite(value):
-        return f"{value:g}"
-    return f"{value:.{max(0, digits - 1 - math.floor(math.log10(abs(value))))}f}"
+        value, s = scale * self.value, scale * self.spread
+        places = 0 if value == 0 else max(0, digits - 1 - math.floor(math.log10(abs(value))))
+        spread = f" ± {s:.{places}f}" if self.count > 1 else ""
+        return f"{value:.{places}f}{spread}" + (f" ({self.failed} diverged)" if self.failed else "")
 
 
 def cells(rows: Sequence[Row], metric: str) -> dict[tuple[str, str], Mean]:

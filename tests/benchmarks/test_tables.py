@@ -119,7 +119,7 @@ def test_rows_survive_their_file(tmp_path):
 
 def test_page_has_means_spreads_and_the_best_in_bold(tmp_path):
     said = text("quantitative", ROWS, "a command")
-    assert "| b | **11 ± 1.0** | 51 ± 1.0 |" in said
+    assert "| b | **11 ± 1** | 51 ± 1 |" in said
     assert "| other | 1 | 1 | 0 | – |" in said
     assert "Missing: CLIPSIM" in said
     page.figure(ROWS, tmp_path / "f.png")
