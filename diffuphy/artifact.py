@@ -59,7 +59,8 @@ def describe(component: Any) -> Any:
     """Class, version and every setting (defaults included) of a component, as plain data.
 
     A field with ``metadata={"runtime": True}`` changes how, not what, is computed and is left out. For one with
-    ``metadata={"content": source}`` stand the kind and the SHA-256 of the bytes of the file ``source(value)``.
+    ``metadata={"content": source}`` stand the kind and the SHA-256 of the bytes of the file ``source(value)``, or of
+    each of a tuple of files.
     """
     if dataclasses.is_dataclass(component) and not isinstance(component, type):
         fields = [f for f in dataclasses.fields(component) if not f.metadata.get("runtime")]
@@ -83,12 +84,17 @@ def _setting(field: dataclasses.Field, value: Any) -> Any:
     source = field.metadata.get("content")
     if source is None:
         return describe(value)
-    file = source(value).resolve()
+    found = source(value)
+    return [_content(file) for file in found] if isinstance(found, tuple) else _content(found)
+
+
+def _content(file: Path) -> dict[str, str]:
+    file = file.resolve()
     at = file.stat()
     return {"kind": file.suffix.lower(), "sha256": _file_sha256(file, at.st_size, at.st_mtime_ns, at.st_ino)}
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=8192)
 def _file_sha256(file: Path, *seen: int) -> str:
     """SHA-256 of a file, found once for each state ``seen`` of it."""
     with file.open("rb") as f:

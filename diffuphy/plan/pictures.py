@@ -23,6 +23,7 @@ def object_lines(components: Mapping[str, Any]) -> list[Line]:
     )  # fmt: skip
     return [
         *distillation_lines(fit),
+        *picture_lines(fit),
         harmonics,
         shape_line(fit),
         Line.kept("densification", fit.densify is not None, "more Gaussians where the loss still pulls",
@@ -55,6 +56,15 @@ def distillation_lines(fit: Any) -> list[Line]:
     if not hasattr(fit, "estimator"):
         return []
     return [Line("score distillation", type(fit.estimator).__name__, f"w(t) = {fit.weight}, views a step: {fit.views}")]
+
+
+def picture_lines(fit: Any) -> list[Line]:
+    """Pictures of the user's own, if they are what is fitted."""
+    pictures = getattr(fit, "judge", None)
+    if not hasattr(pictures, "held"):
+        return []
+    why = f"{pictures.held} of them are held out and compared with at the end" if pictures.held else "none is held out"
+    return [Line("pictures", f"{pictures.bank + pictures.held} from {pictures.path}", why)]
 
 
 def film_lines(components: Mapping[str, Any]) -> list[Line]:
