@@ -34,11 +34,11 @@ def object_lines(components: Mapping[str, Any]) -> list[Line]:
 
 def given_lines(given: Any) -> list[Line]:
     """An object that is read from a file instead of made."""
-    region = getattr(given, "region", None)
+    parted = getattr(given, "parted", False)
     return [
         Line("score distillation", "left out", f"the object is given: {given.count} Gaussians from {given.path}"),
         Line("spherical harmonics", f"at most degree {given.sh_degree}", "as the file has them"),
-        Line.kept("surroundings", region is not None, "what lies outside the region stands still", "no region"),
+        Line.kept("surroundings", parted, "what is not the object stands still", "all of it is the object"),
     ]
 
 
@@ -60,7 +60,7 @@ def distillation_lines(fit: Any) -> list[Line]:
 
 def picture_lines(fit: Any) -> list[Line]:
     """Pictures of the user's own, if they are what is fitted."""
-    pictures = getattr(fit, "judge", None)
+    pictures: Any = getattr(fit, "judge", None)
     if not hasattr(pictures, "held"):
         return []
     why = f"{pictures.held} of them are held out and compared with at the end" if pictures.held else "none is held out"

@@ -16,7 +16,7 @@ from diffuphy.render.placement import Axis, Placement
 from diffuphy.render.ply import Up, upright_turn
 from diffuphy.text2gs.fit import FitGaussians
 from diffuphy.text2gs.hull import Hull, HullCloud, hull
-from diffuphy.text2gs.load import check_turns
+from diffuphy.text2gs.normalise import check_turns
 from diffuphy.types import Camera, Gaussians, Look
 
 RGB = tuple[float, float, float]
