@@ -117,7 +117,7 @@ SCENES = {
         ),
         Scene(
             "pillow", 1.0, cushions,
-            ("+sample.cells=33", *FOUR, "scene.seconds=3"),
+            ("+sample.cells=33", *FOUR, "scene.seconds=3", "scene.scheme.retain=0"),
             ("+sample.cells=33", "+sample.per_cell=2", "+scene.particles_per_cell=2", "scene.seconds=2"),
         ),
     )
