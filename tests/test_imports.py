@@ -44,9 +44,10 @@ MAY_IMPORT = {
     "export": {"types", "artifact", "plan", "render", "judgement", "scorecard"},
     "explain": set(),
     "settings": set(),
-    "cli": {"quoting", "explain", "settings", "artifact", "pipeline", "export", "judgement", "scorecard"},
-    "doctor": {"models", "compiling", "cli"},
-    "__init__": set(),
+    "making": {"quoting", "settings", "artifact", "plan", "pipeline", "export"},
+    "cli": {"quoting", "explain", "making", "artifact", "judgement", "scorecard"},
+    "doctor": {"models", "compiling", "making"},
+    "__init__": {"making"},
     "__main__": {"cli"},
 }
 """``artifact`` and ``losses`` know no physics, ``material`` knows no simulation, and ``pipeline`` knows no stage: they
