@@ -38,7 +38,7 @@ MAY_IMPORT = {
     "accuracy": {"types", "material"},
     "cost": {"types", "material", "mpm", "scan"},
     "plan": {"types", "artifact", "material", "accuracy", "cost"},
-    "pipeline": {"types", "artifact", "plan", "metrics"},
+    "pipeline": {"types", "artifact", "plan", "metrics", "render"},
     "judgement": {"types", "artifact", "render"},
     "scorecard": {"artifact", "render", "metrics"},
     "export": {"types", "artifact", "plan", "render", "judgement", "scorecard"},

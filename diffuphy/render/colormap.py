@@ -210,14 +210,19 @@ def font_size(height: int) -> int:
 
 
 def lay(picture: Tensor, card: Tensor) -> Tensor:
-    """``picture`` (H, W, 3) with ``card`` (h, w, 4) in its lower left corner, cut where it does not fit."""
-    H, W, _ = picture.shape
+    """Pictures (..., H, W, 3 or 4) with ``card`` (h, w, 4) in their lower left corner, cut where it does not fit.
+
+    With a fourth channel, the coverage, the card covers too.
+    """
+    H, W, channels = picture.shape[-3:]
     card = card[:H, :W].to(picture)
     gap = min(6, H - card.shape[0], W - card.shape[1])
     rows = slice(H - card.shape[0] - gap, H - gap)
     columns = slice(gap, gap + card.shape[1])
-    out, a = picture.clone(), card[..., 3:]
-    out[rows, columns] = (1 - a) * out[rows, columns] + a * card[..., :3]
+    a = card[..., 3:]
+    ink = torch.cat([card[..., :3], torch.ones_like(a)], dim=-1)[..., :channels]
+    out = picture.clone()
+    out[..., rows, columns, :] = (1 - a) * out[..., rows, columns, :] + a * ink
     return out
 
 
