@@ -23,6 +23,7 @@ HERE = Path(__file__).resolve().parent
 QUICK = {
     "contact": ("--quick", "--out", "{out}"),
     "errors": ("--quick", "--out", "{out}"),
+    "filling": ("--objects", "duck", "--steps", "20", "--out", "{out}"),
     "films": (
         "--prompts",
         "a ball falling",

@@ -3,6 +3,7 @@
 read        file → ``SceneFile``, every key checked, defaults filled in
 scene       file → the component that plays it (``mpm.stated.Stated``)
 material    file → the component that says what it is made of (``material.stated.StatedMaterial``)
+sample      file → the component that makes its particles, filled as it says (``mpm.sample.Sample``)
 table       what every value means here, and what differs on purpose
 """
 
@@ -10,14 +11,16 @@ import logging
 from typing import Any
 
 from diffuphy.material.stated import StatedMaterial
+from diffuphy.mpm.sample import Sample
 from diffuphy.mpm.scheme import Scheme
 from diffuphy.mpm.stated import Stated
+from diffuphy.physgaussian.grains import grains
 from diffuphy.physgaussian.matter import matter
 from diffuphy.physgaussian.scene_file import SceneFile, read
 from diffuphy.physgaussian.table import table
 from diffuphy.physgaussian.world import world
 
-__all__ = ["SceneFile", "material", "played", "read", "scene", "table"]
+__all__ = ["SceneFile", "material", "played", "read", "sample", "scene", "table"]
 
 log = logging.getLogger(__name__)
 
@@ -89,3 +92,15 @@ def material(file: str | None = None, **fitting: Any) -> StatedMaterial:
     if fitting:
         log.info("material: %s not used: the scene file gives the material, nothing is fitted", ", ".join(fitting))
     return matter(_named(file))
+
+
+def sample(file: str | None = None, **settings: Any) -> Sample:
+    """Component of the particle stage: fills the object as the scene file at a path says.
+
+    Args:
+        settings: of ``Sample``, in the place of those that the file implies.
+
+    Raises:
+        ValueError: see ``read``, and for a file that fills nothing.
+    """
+    return grains(_named(file), **settings)
