@@ -248,6 +248,9 @@ class Trajectory(Result):
     """Total deformation gradients (they move the Gaussians), shape (T, N, 3, 3)."""
     fps: float
     """Frames per second of physical time [1/s]."""
+    Fe: Tensor | None = None
+    """Elastic deformation gradients (they make the stress), shape (T, N, 3, 3); None where nothing flows: they are F
+    then."""
 
 
 @dataclass(frozen=True)

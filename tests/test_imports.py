@@ -23,7 +23,7 @@ MAY_IMPORT = {
     "losses": {"types", "models"},
     "metrics": {"types", "models"},
     "material": {"types", "compiling"},
-    "render": {"types", "workspace", "geometry", "compiling"},
+    "render": {"types", "workspace", "geometry", "compiling", "material"},
     "mpm": {"types", "workspace", "geometry", "compiling", "material"},
     "physgaussian": {"material", "mpm"},
     "convert": {"physgaussian"},

@@ -58,7 +58,8 @@ def rollout(scene: Scene, x: Tensor, vol: Tensor, field: MaterialField, **option
     """
     states = list(simulate(scene, x, vol, field, **options))
     x, v, F = (torch.stack([getattr(s, name) for s in states]) for name in ("x", "v", "F"))
-    return Trajectory(x, v, F, scene.fps)
+    Fe = [s.Fe for s in states if s.Fe is not None]
+    return Trajectory(x, v, F, scene.fps, torch.stack(Fe) if Fe else None)
 
 
 def simulate(
