@@ -65,7 +65,8 @@ def film(cfg: DictConfig) -> None:
     folder = Path(HydraConfig.get().runtime.output_dir)
     from diffuphy import pipeline
     from diffuphy.artifact import Store
-    from diffuphy.export import export
+    from diffuphy.deliverables import export
+    from diffuphy.formats import check as check_outputs
     from diffuphy.judgement import judgement
     from diffuphy.scorecard import line, scorecard
     from diffuphy.settings import check
@@ -73,6 +74,7 @@ def film(cfg: DictConfig) -> None:
     settings = OmegaConf.to_container(cfg, resolve=True)
     assert isinstance(settings, dict)
     check(settings)
+    check_outputs(settings["outputs"])
     cfg.device = device(cfg.device)
     set_threads(cfg.threads)
     force = [cfg.force] if isinstance(cfg.force, str) else list(cfg.force)
@@ -81,7 +83,14 @@ def film(cfg: DictConfig) -> None:
     done, plan = pipeline.run(
         components, store=store, until=cfg.until, force=force, run_dir=folder, accuracy=cfg.accuracy
     )
-    files = export(folder, done, plan, title=cfg.prompt, settings=OmegaConf.to_yaml(cfg, resolve=False))
+    files = export(
+        folder,
+        done,
+        plan,
+        title=cfg.prompt,
+        settings=OmegaConf.to_yaml(cfg, resolve=False),
+        outputs=settings["outputs"],
+    )
     said, scores = judgement(done), scorecard(done)
     told = str(said or ""), line(scores) if scores else ""
     overrides = OmegaConf.to_container(HydraConfig.get().overrides.task, resolve=False)  # "${" in a text is none
