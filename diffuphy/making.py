@@ -77,12 +77,14 @@ def make_film(cfg: DictConfig, folder: Path) -> Made:
     """Build the components, run the pipeline, write what a person takes away into ``folder``."""
     from diffuphy import pipeline
     from diffuphy.artifact import Store
-    from diffuphy.export import export
+    from diffuphy.deliverables import export
+    from diffuphy.formats import check as check_outputs
     from diffuphy.settings import check
 
     settings = OmegaConf.to_container(cfg, resolve=True)
     assert isinstance(settings, dict)
     check(settings)
+    check_outputs(settings["outputs"])
     cfg.device = device(cfg.device)
     set_threads(cfg.threads)
     force = [cfg.force] if isinstance(cfg.force, str) else list(cfg.force)
@@ -91,7 +93,8 @@ def make_film(cfg: DictConfig, folder: Path) -> Made:
     done, plan = pipeline.run(
         components, store=store, until=cfg.until, force=force, run_dir=folder, accuracy=cfg.accuracy
     )
-    files = export(folder, done, plan, title=cfg.prompt, settings=OmegaConf.to_yaml(cfg, resolve=False))
+    text = OmegaConf.to_yaml(cfg, resolve=False)
+    files = export(folder, done, plan, title=cfg.prompt, settings=text, outputs=settings["outputs"])
     return Made(folder, files, tuple(done), plan)
 
 

@@ -41,10 +41,12 @@ MAY_IMPORT = {
     "pipeline": {"types", "artifact", "plan", "metrics", "render"},
     "judgement": {"types", "artifact", "render"},
     "scorecard": {"artifact", "render", "metrics"},
-    "export": {"types", "artifact", "plan", "render", "judgement", "scorecard"},
+    "formats": {"types", "render", "geometry"},
+    "deliverables": {"types", "artifact", "plan", "render", "judgement", "scorecard", "formats"},
+    "export": {"formats"},
     "explain": set(),
     "settings": set(),
-    "making": {"quoting", "settings", "artifact", "plan", "pipeline", "export"},
+    "making": {"quoting", "settings", "artifact", "plan", "pipeline", "deliverables", "formats"},
     "cli": {"quoting", "explain", "making", "artifact", "judgement", "scorecard"},
     "doctor": {"models", "compiling", "making"},
     "__init__": {"making"},
@@ -66,8 +68,8 @@ HEAVY = {
     "torchmetrics": ("metrics/",),
     "torchvision": ("losses/", "metrics/"),
     "transformers": ("losses/guidance/", "metrics/", "text2gs/refine/"),
-    "trimesh": ("text2gs/",),
-    "viser": ("render/",),
+    "trimesh": ("text2gs/", "formats/"),
+    "viser": ("formats/", "viewer/"),
 }
 """Packages that cost seconds or are optional: imported inside functions, and only in these places."""
 
