@@ -15,6 +15,7 @@ RUN = {
     "until": str,
     "force": str | tuple[str, ...],
     "accuracy": float | None,
+    "outputs": tuple[str, ...],
     "checkpoint_seconds": float,
 }
 """Kinds of the settings that belong to no component."""

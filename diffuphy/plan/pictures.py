@@ -4,14 +4,16 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
+from diffuphy.mpm.filling import Flood
 from diffuphy.plan.line import Line
 
 
 def object_lines(components: Mapping[str, Any]) -> list[Line]:
     """Colour, number and filling of the object's points."""
     fit, sample = components["gaussians"], components["particles"]
-    filling = Line.kept("interior fill", sample.fill != "none", "Gaussians are a shell; the inside needs particles",
-                        "sample.fill=none", {"particles": dataclasses.replace(sample, fill="interior")})  # fmt: skip
+    how = f"Gaussians are a shell, the inside needs particles: {type(sample.filling).__name__}"
+    filling = Line.kept("interior fill", sample.filling is not None, how, "sample.filling=null",
+                        {"particles": dataclasses.replace(sample, filling=Flood())})  # fmt: skip
     if hasattr(fit, "path"):
         return [*given_lines(fit), filling]
     degree = fit.sh_degree
@@ -30,6 +32,14 @@ def object_lines(components: Mapping[str, Any]) -> list[Line]:
                   "fit.densify=null"),
         filling,
     ]  # fmt: skip
+
+
+def sized(components: Mapping[str, Any]) -> dict[str, Any]:
+    """The particles' component, which knows how large the pixels were that the Gaussians are fitted to."""
+    sample, cameras = components["particles"], getattr(components["gaussians"], "cameras", None)
+    if getattr(sample, "pixel", 0.0) is not None:
+        return {}
+    return {"particles": dataclasses.replace(sample, pixel=getattr(cameras, "pixel", 0.0))}
 
 
 def given_lines(given: Any) -> list[Line]:
