@@ -55,8 +55,9 @@ class Page:
         self.splatting = Splatting(server, splats, self.size)
         self.panel = Panel(session, server)
         self._look(session)
-        self.body = server.scene.add_box("/hold", dimensions=(1.0, 1.0, 1.0), opacity=0.0, cast_shadow=False,
-                                         receive_shadow=False, visible=False)  # fmt: skip
+        # what takes the pointer; its faces are drawn into the depths, so only those behind the body may be there
+        self.body = server.scene.add_box("/hold", dimensions=(1.0, 1.0, 1.0), opacity=0.0, side="back",
+                                         cast_shadow=False, receive_shadow=False, visible=False)  # fmt: skip
         self._held: tuple[float, float, float] | None = None
         self.body.on_drag("left")(self._drag)
         self.body.on_click(self._click)
@@ -118,9 +119,9 @@ class Page:
         """Put the box that takes the pointer around the body."""
         self.body.visible = self.session.live is not None
         if self.body.visible:
-            low, high = np.quantile(splats.centers, [0.01, 0.99], axis=0)
+            low, high = splats.centers.min(0), splats.centers.max(0)
             self.body.position = tuple((low + high) / 2)
-            self.body.scale = tuple(np.maximum(high - low, 0.02 * self.size))
+            self.body.scale = tuple(high - low + 0.1 * self.size)
 
     def run(self) -> None:
         """Until Ctrl-C."""
