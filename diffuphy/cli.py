@@ -5,6 +5,7 @@ answer at once. A failure that the user can mend is one line on standard error a
 of ours and keeps its traceback, as does everything with ``HYDRA_FULL_ERROR=1``.
 """
 
+import contextlib
 import hashlib
 import logging
 import os
@@ -77,15 +78,25 @@ def film(cfg: DictConfig) -> None:
     set_threads(cfg.threads)
     force = [cfg.force] if isinstance(cfg.force, str) else list(cfg.force)
     components = make(settings["stages"])
-    store = Store(Path(cfg.store), device=cfg.device, interval=cfg.checkpoint_seconds)
-    done, plan = pipeline.run(
-        components, store=store, until=cfg.until, force=force, run_dir=folder, accuracy=cfg.accuracy
-    )
+    with watching(cfg.viewer) as watch:
+        store = Store(Path(cfg.store), device=cfg.device, interval=cfg.checkpoint_seconds, watch=watch)
+        done, plan = pipeline.run(
+            components, store=store, until=cfg.until, force=force, run_dir=folder, accuracy=cfg.accuracy
+        )
     files = export(folder, done, plan, title=cfg.prompt, settings=OmegaConf.to_yaml(cfg, resolve=False))
     said, scores = judgement(done), scorecard(done)
     told = str(said or ""), line(scores) if scores else ""
     overrides = OmegaConf.to_container(HydraConfig.get().overrides.task, resolve=False)  # "${" in a text is none
     log.info("%s", conclusion(done, files, overrides, *told))  # type: ignore[arg-type]
+
+
+def watching(viewer: str) -> contextlib.AbstractContextManager[Any]:
+    """Who shows what a stage has so far; None, and nothing is imported, unless it is asked for."""
+    if viewer == "off":
+        return contextlib.nullcontext()
+    from diffuphy.viewer.training import Training
+
+    return contextlib.closing(Training.start())
 
 
 def make(stages: dict[str, Any]) -> dict[str, Any]:

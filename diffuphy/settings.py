@@ -16,6 +16,7 @@ RUN = {
     "force": str | tuple[str, ...],
     "accuracy": float | None,
     "checkpoint_seconds": float,
+    "viewer": Literal["off", "on"],
 }
 """Kinds of the settings that belong to no component."""
 

@@ -44,8 +44,9 @@ MAY_IMPORT = {
     "export": {"types", "artifact", "plan", "render", "judgement", "scorecard"},
     "explain": set(),
     "settings": set(),
-    "cli": {"quoting", "explain", "settings", "artifact", "pipeline", "export", "judgement", "scorecard"},
+    "cli": {"quoting", "explain", "settings", "artifact", "pipeline", "export", "judgement", "scorecard", "viewer"},
     "doctor": {"models", "compiling", "cli"},
+    "viewer": {"types", "workspace", "geometry", "material", "mpm", "render", "accuracy", "explain", "cli"},
     "__init__": set(),
     "__main__": {"cli"},
 }
@@ -66,7 +67,7 @@ HEAVY = {
     "torchvision": ("losses/", "metrics/"),
     "transformers": ("losses/guidance/", "metrics/", "text2gs/refine/"),
     "trimesh": ("text2gs/",),
-    "viser": ("render/",),
+    "viser": ("render/", "viewer/"),
 }
 """Packages that cost seconds or are optional: imported inside functions, and only in these places."""
 

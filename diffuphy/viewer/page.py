@@ -2,7 +2,7 @@
 
 import math
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -10,9 +10,6 @@ from diffuphy.viewer.hand import slide
 from diffuphy.viewer.panel import Panel
 from diffuphy.viewer.session import Session
 from diffuphy.viewer.shot import Splats
-
-if TYPE_CHECKING:
-    from viser import ViserServer
 
 UNITS = 32.0
 """Units of the browser in the longest side of the body: it keeps covariances as half-precision numbers, whose digits
@@ -28,7 +25,7 @@ AZIMUTH, ELEVATION, DISTANCE = math.radians(-60.0), math.radians(14.0), 3.2
 class Splatting:
     """Gaussians in a browser's scene."""
 
-    def __init__(self, server: "ViserServer", splats: Splats, size: float):
+    def __init__(self, server: Any, splats: Splats, size: float):
         self.scale = UNITS / size
         self._handle = server.scene.add_gaussian_splats("/body", *self._sent(splats), scale=1.0 / self.scale)
 
@@ -45,10 +42,10 @@ class Page:
 
     Args:
         session: what is shown.
-        server: where.
+        server: where (a ``viser.ViserServer``).
     """
 
-    def __init__(self, session: Session, server: "ViserServer"):
+    def __init__(self, session: Session, server: Any):
         self.session, self.server = session, server
         self.size = session.run.motion.size
         splats = session.splats()

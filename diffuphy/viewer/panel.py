@@ -1,13 +1,10 @@
 """The panel of the viewer's page."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from diffuphy.viewer.change import DRAFT, MATERIALS, SKETCH, Change, height_of
 from diffuphy.viewer.session import REACH, Session
 from diffuphy.viewer.shot import VIEWS
-
-if TYPE_CHECKING:
-    from viser import ViserServer
 
 OWN = "as in the film"
 """The material that the run has found."""
@@ -29,7 +26,7 @@ class Panel:
         server: where they are.
     """
 
-    def __init__(self, session: Session, server: "ViserServer"):
+    def __init__(self, session: Session, server: Any):
         self.session, self.gui = session, server.gui
         self._painted: tuple[object, ...] = ()
         self._film()

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from diffuphy.viewer.change import Change, height_of
-from tests.viewer.runs import SIZE, run
+from tests.viewer.runs import run
 
 
 def test_no_change_is_the_film(tmp_path):
@@ -55,4 +55,4 @@ def test_nonsense_is_refused(change):
 def test_a_change_says_what_it_is():
     assert str(Change(particles=None)) == "as in the film"
     told = str(Change(material="jelly", height=1.0, gravity=1.6))
-    assert told == "jelly, from 1 m, gravity 1.6 m/s², 2000 particles" and SIZE
+    assert told == "jelly, from 1 m, gravity 1.6 m/s², 2000 particles"
