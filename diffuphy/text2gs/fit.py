@@ -139,6 +139,7 @@ class FitGaussians:
                 scalars = {"sds": loss.item(), **shape, "t_max": self.t_max(step, self.steps)}
                 work.log(run.step, gaussians=len(params), **scalars)
             bar.update()
+            work.show("gaussians", run.step, self.steps, params.gaussians)
             if work.due():
                 work.save(run.state())
         bar.close()
