@@ -7,8 +7,9 @@ import torch
 from torch import Tensor
 
 from diffuphy.render import orbit, render_gaussians
-from diffuphy.render.clip import Film, limit_stretch
+from diffuphy.render.clip import Film
 from diffuphy.render.floor import Backdrop
+from diffuphy.render.kinematics import limit_stretch
 from diffuphy.render.skin import Skin
 from diffuphy.types import Camera, Gaussians, Particles, Trajectory
 from diffuphy.workspace import Workspace
@@ -55,7 +56,7 @@ class Shot(Film):
         frames = []
         for x, F in zip(trajectory.x, trajectory.F, strict=True):
             means, F_g = skin(x, F)
-            F_g = limit_stretch(F_g, self.stretch)
+            F_g, _ = limit_stretch(F_g, self.stretch)
             frames.append(render_gaussians(skin.gaussians, camera, means=means, F=F_g, backend=self.backend).alpha[0])
         return torch.stack(frames).clamp(0, 1)
 

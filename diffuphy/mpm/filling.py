@@ -88,7 +88,9 @@ class Rays:
         if any(d not in DIRECTIONS for d in (*self.exclude, self.parity or "+x")):
             raise ValueError(f"directions are {', '.join(DIRECTIONS)}, got {self.exclude} and {self.parity}")
         if not self.threshold >= 0.0 or (self.n_grid is not None and self.n_grid < 1):
-            raise ValueError(f"threshold must not be negative and n_grid at least 1, got {self.threshold} and {self.n_grid}")
+            raise ValueError(
+                f"threshold must not be negative and n_grid at least 1, got {self.threshold} and {self.n_grid}"
+            )
         if self.box is not None:
             object.__setattr__(self, "box", tuple(map(float, self.box)))
             if len(self.box) != 6 or not all(a < b for a, b in zip(self.box[::2], self.box[1::2], strict=True)):

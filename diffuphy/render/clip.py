@@ -12,8 +12,10 @@ from torch import Tensor
 from diffuphy.render.around import Around, Scenery, with_scenery
 from diffuphy.render.cameras import fit
 from diffuphy.render.draw import render_gaussians
+from diffuphy.render.fillers import Fillers, drawn
 from diffuphy.render.floor import Backdrop, Shadow, backdrop, pool
 from diffuphy.render.image import Rasteriser
+from diffuphy.render.kinematics import limit_stretch
 from diffuphy.render.raster import Warp
 from diffuphy.render.skin import Skin
 from diffuphy.types import Camera, Clip, Gaussians, Particles, Trajectory
@@ -28,7 +30,7 @@ shrink the film."""
 class Film:
     """Films a trajectory with one resting camera: particles carry the Gaussians, the floor carries their shadow."""
 
-    VERSION: ClassVar[int] = 1
+    VERSION: ClassVar[int] = 2
 
     width: int = 384
     """Width [px]; even, as video codecs need."""
@@ -57,6 +59,8 @@ class Film:
     stretch: float = 3.0
     """A Gaussian is drawn at most this many times longer than at rest [-]: flowing matter shears without bound, the
     patch of it that one Gaussian stands for does not."""
+    fillers: bool = True
+    """Draw the inside of a body where it has opened (``render.fillers``)."""
     around: Around | None = None
     """What stands around the object and does not move; None is nothing but the studio."""
     backend: Rasteriser = field(default_factory=Warp)
@@ -79,7 +83,9 @@ class Film:
     def __call__(self, gaussians: Gaussians, particles: Particles, trajectory: Trajectory, *, work: Workspace) -> Clip:
         """One picture for each frame of the trajectory."""
         with torch.no_grad():
-            skin = with_scenery(Skin.bind(gaussians, particles, self.neighbours), self.around, particles)
+            skin = Skin.bind(gaussians, particles, self.neighbours)
+            fillers = Fillers.of(skin.gaussians, particles) if self.fillers else None
+            skin = with_scenery(skin, self.around, particles)
             camera = self.camera(trajectory)
             studio = self._studio(camera, trajectory)
             shadow = (
@@ -88,11 +94,15 @@ class Film:
                 else None
             )
             frames = len(trajectory.x)
-            rgb = torch.empty(frames, self.height, self.width, 3)
+            rgb, cut = torch.empty(frames, self.height, self.width, 3), []
             with work.bar(frames, "film") as bar:
                 for t in range(frames):
-                    rgb[t] = self._frame(skin, trajectory.x[t], trajectory.F[t], camera, studio, shadow)
+                    x, F = trajectory.x[t], trajectory.F[t]
+                    rgb[t], limited, opened = self._frame(skin, fillers, x, F, camera, studio, shadow)
+                    work.log(t, limited=limited, fillers=opened)
+                    cut.append(limited)
                     bar.update()
+            work.summary(_limited(cut, len(skin.gaussians) + (len(fillers.index) if fillers else 0)))
             work.image("film", contact_sheet(rgb, fps=trajectory.fps))
         return Clip(rgb, trajectory.fps)
 
@@ -121,21 +131,28 @@ class Film:
         return Backdrop(plain, studio.ground, studio.solid)
 
     def _frame(
-        self, skin: Skin | Scenery, x: Tensor, F: Tensor, camera: Camera, studio: Backdrop, shadow: Shadow | None
-    ) -> Tensor:
+        self,
+        skin: Skin | Scenery,
+        fillers: Fillers | None,
+        x: Tensor,
+        F: Tensor,
+        camera: Camera,
+        studio: Backdrop,
+        shadow: Shadow | None,
+    ) -> tuple[Tensor, int, int]:
+        """The picture, how many Gaussians are drawn shorter than they are, and how many fillers."""
         behind = studio.rgb
         if shadow is not None:
             behind = behind * (1 - studio.solid * (1 - shadow.cast(x, studio.ground)))[..., None]
-        means, F_g = skin(x, F)
-        image = render_gaussians(
-            skin.gaussians,
-            camera,
-            means=means,
-            F=limit_stretch(F_g, self.stretch),
-            background=behind,
-            backend=self.backend,
-        )
-        return pool(image.rgb[0], self.supersample).clamp(0, 1)
+        gaussians, means, F_g, opened = drawn(skin, fillers, x, F)
+        F_g, limited = limit_stretch(F_g, self.stretch)
+        image = render_gaussians(gaussians, camera, means=means, F=F_g, background=behind, backend=self.backend)
+        return pool(image.rgb[0], self.supersample).clamp(0, 1), limited, opened
+
+
+def _limited(cut: list[int], gaussians: int) -> dict[str, float]:
+    """What the summary says of Gaussians that ``stretch`` limits, from their number in each frame."""
+    return {"limited_frames": sum(n > 0 for n in cut), "limited_most": max(cut), "gaussians": gaussians}
 
 
 def path(trajectory: Trajectory, *, floor: bool) -> Tensor:
@@ -151,18 +168,6 @@ def path(trajectory: Trajectory, *, floor: bool) -> Tensor:
     below = x.mean(1)
     below[:, 2] = 0
     return torch.cat([points, below])
-
-
-def limit_stretch(F: Tensor, limit: float) -> Tensor:
-    """F (G, 3, 3) with its singular values cut at ``limit``."""
-    # no singular value exceeds the Frobenius norm: most need no decomposition
-    far = torch.linalg.matrix_norm(F) > limit
-    if not far.any():
-        return F
-    U, S, V = torch.linalg.svd(F[far])
-    F = F.clone()
-    F[far] = (U * S.clamp_max(limit)[:, None]) @ V
-    return F
 
 
 def to_bytes(rgb: Tensor) -> np.ndarray:

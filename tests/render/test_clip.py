@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from diffuphy.render import Film, contact_sheet, sh, write_mp4, write_png
-from diffuphy.render.clip import limit_stretch, path
+from diffuphy.render.clip import path
+from diffuphy.render.kinematics import limit_stretch
 from diffuphy.types import Clip, Gaussians, Particles, Trajectory
 from diffuphy.workspace import Workspace
 
@@ -106,11 +107,12 @@ def test_a_flung_crumb_does_not_shrink_the_film() -> None:
 def test_stretch_is_limited_and_everything_else_kept() -> None:
     """Singular values min(σ, limit), same singular vectors; matrices below the limit are returned as they are."""
     F = torch.linalg.matrix_exp(torch.randn(50, 3, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0)))
-    cut = limit_stretch(F, 2.0)
+    cut, count = limit_stretch(F, 2.0)
     U, S, V = torch.linalg.svd(F)
     torch.testing.assert_close(cut, (U * S.clamp_max(2.0)[:, None]) @ V)
+    assert count == int((S[:, 0] > 2.0).sum()) > 0
     tame = S[:, 0] <= 1.1
-    assert torch.equal(limit_stretch(torch.eye(3).expand(4, 3, 3), 3.0), torch.eye(3).expand(4, 3, 3))
+    assert torch.equal(limit_stretch(torch.eye(3).expand(4, 3, 3), 3.0)[0], torch.eye(3).expand(4, 3, 3))
     assert torch.equal(cut[tame], F[tame]) or not tame.any()
 
 

@@ -1,0 +1,90 @@
+"""The inside of a body: Gaussians of the particles that carry none, drawn where the body has opened."""
+
+import math
+from dataclasses import dataclass, fields
+from typing import Self
+
+import torch
+from torch import Tensor
+
+from diffuphy.render.around import Scenery
+from diffuphy.render.skin import Skin, nearest
+from diffuphy.types import Gaussians, Particles
+
+ALIKE = 8
+"""Gaussians from which a filler takes its opacity and colour."""
+
+BONDS = 12
+"""Neighbours at rest that cover a filler: those of a densely packed ball."""
+
+PARTED = 1.0
+"""How far a neighbour must be from where the filler's own deformation would have it, to be gone [particle spacings]."""
+
+
+@dataclass(frozen=True)
+class Fillers:
+    """Gaussians of interior particles.
+
+    They inherit opacity and colour from the nearest Gaussians, weighted by 1/d², and are balls of the particle's
+    volume, covariance r² 1 with r = (3 V / 4π)^{1/3} (Xie et al., PhysGaussian, 2024, section 3.5). A filler is hidden
+    as long as its neighbours at rest move with it, and drawn once one has gone:
+
+        exposed_p = max_k |x_k − x_p − F_p (X_k − X_p)| > PARTED · spacing
+
+    At rest, and in any affine motion, none is drawn: the picture is that of the Gaussians alone, to the last bit.
+    """
+
+    gaussians: Gaussians
+    """Of the fillers at rest, in metres."""
+    index: Tensor
+    """Their particles, shape (M,), int64."""
+    bonds: Tensor
+    """Particles next to each at rest, shape (M, K), int64."""
+    arm: Tensor
+    """X_k − X_p, from a filler to its neighbours at rest, shape (M, K, 3) [m]."""
+    reach: float
+    """Distance from which a neighbour is gone [m]."""
+
+    @classmethod
+    def of(cls, rest: Gaussians, particles: Particles) -> Self | None:
+        """Fillers of ``particles`` whose Gaussians at rest, in metres, are ``rest``; None where nothing is filled."""
+        index = (particles.gaussian < 0).nonzero()[:, 0].to(rest.means.device)
+        if not len(index):
+            return None
+        x = particles.x.to(rest.means)
+        distance, of = nearest(x[index], rest.means, min(ALIKE, len(rest)))
+        weight = 1 / (distance**2).clamp_min((1e-3 * particles.spacing) ** 2)
+        weight = weight / weight.sum(1, keepdim=True)
+        opacity = (weight * rest.logit_opacities[of].sigmoid()).sum(1)
+        radius = (3 * particles.vol.to(rest.means)[index] / (4 * math.pi)) ** (1 / 3)
+        quats = torch.zeros_like(rest.quats[:1]).expand(len(index), 4).clone()
+        quats[:, 0] = 1
+        sh = (weight[..., None, None] * rest.sh[of]).sum(1)
+        balls = Gaussians(x[index], quats, radius.log()[:, None].expand(-1, 3), opacity.logit(eps=1e-6), sh)
+        bonds = nearest(x[index], x, min(BONDS + 1, len(x)))[1][:, 1:]  # the nearest is the filler itself
+        return cls(balls, index, bonds, x[bonds] - x[index, None], PARTED * particles.spacing)
+
+    def exposed(self, x: Tensor, F: Tensor) -> Tensor:
+        """Which are drawn, shape (M,): for particles at ``x`` (N, 3) deformed by ``F`` (N, 3, 3)."""
+        apart = x[self.bonds] - x[self.index, None] - (F[self.index, None] @ self.arm[..., None])[..., 0]
+        return (apart.square().sum(-1) > self.reach**2).any(1)
+
+
+def drawn(skin: Skin | Scenery, fillers: Fillers | None, x: Tensor, F: Tensor) -> tuple[Gaussians, Tensor, Tensor, int]:
+    """What a frame shows: Gaussians at rest, their centres (G, 3) [m] and deformations (G, 3, 3), and how many of them
+    are fillers; the last ones.
+
+    Args:
+        fillers: None draws none.
+        x, F: of the particles, (N, 3) [m] and (N, 3, 3).
+    """
+    means, F_g = skin(x, F)
+    shown = fillers.exposed(x, F) if fillers is not None else None
+    if fillers is None or shown is None or not bool(shown.any()):
+        return skin.gaussians, means, F_g, 0
+    at = fillers.index[shown]
+    joined = {
+        f.name: torch.cat([getattr(skin.gaussians, f.name), getattr(fillers.gaussians, f.name)[shown]])
+        for f in fields(Gaussians)
+    }
+    return Gaussians(**joined), torch.cat([means, x[at]]), torch.cat([F_g, F[at]]), len(at)
