@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from diffuphy.render.around import Scenery
+from diffuphy.render.sh import polar
 from diffuphy.render.skin import Skin, nearest
 from diffuphy.types import Gaussians, Particles
 
@@ -31,7 +32,9 @@ class Fillers:
 
         exposed_p = max_k |x_k − x_p − F_p (X_k − X_p)| > PARTED · spacing
 
-    At rest, and in any affine motion, none is drawn: the picture is that of the Gaussians alone, to the last bit.
+    At rest, and in any affine motion, none is drawn: the picture is that of the Gaussians alone, to the last bit. Of
+    the deformation of matter that has come apart a drawn filler keeps volume and rotation, J^{1/3} polar(F): it is no
+    patch of a surface, and sheared ones stick out as hairs.
     """
 
     gaussians: Gaussians
@@ -83,8 +86,9 @@ def drawn(skin: Skin | Scenery, fillers: Fillers | None, x: Tensor, F: Tensor) -
     if fillers is None or shown is None or not bool(shown.any()):
         return skin.gaussians, means, F_g, 0
     at = fillers.index[shown]
+    ball = torch.linalg.det(F[at]).abs()[:, None, None] ** (1 / 3) * polar(F[at])
     joined = {
         f.name: torch.cat([getattr(skin.gaussians, f.name), getattr(fillers.gaussians, f.name)[shown]])
         for f in fields(Gaussians)
     }
-    return Gaussians(**joined), torch.cat([means, x[at]]), torch.cat([F_g, F[at]]), len(at)
+    return Gaussians(**joined), torch.cat([means, x[at]]), torch.cat([F_g, ball]), len(at)

@@ -38,7 +38,7 @@ def bound() -> tuple[Skin, Particles, Fillers]:
 
 def test_fillers_have_the_volume_of_their_particle_and_look_like_their_neighbours() -> None:
     """r³ 4π/3 = V; opacity that of the shell, which is the same everywhere; red above, blue below."""
-    skin, particles, f = bound()
+    _, particles, f = bound()
     radius = f.gaussians.log_scales.exp()
     torch.testing.assert_close(4 / 3 * math.pi * radius.prod(1), particles.vol[f.index])
     torch.testing.assert_close(f.gaussians.logit_opacities, torch.full((len(f.index),), 2.2), rtol=1e-4, atol=0)
