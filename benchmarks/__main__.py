@@ -43,6 +43,7 @@ QUICK = {
     "resume": ("--kills", "1"),
     "speed": ("--quick",),
     "stability": ("--quick", "--jobs", "1", "--out", "{out}"),
+    "study": ("power", "--people", "5", "--studies", "20"),
     "video_memory": ("--frames", "4", "--repeat", "1", "--out", "{out}"),
     "verification": ("--tier", "0", "--out", "{out}"),
     "work_precision": ("--quick", "--out", "{out}"),

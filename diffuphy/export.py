@@ -1,6 +1,5 @@
 """What a person takes away from a run: film.mp4, contact_sheet.png, gaussians.ply and report.html."""
 
-import itertools
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,25 +12,13 @@ from diffuphy.artifact import SCRATCH, Done
 from diffuphy.judgement import judgement
 from diffuphy.plan import Plan
 from diffuphy.render import contact_sheet, orbit, render_gaussians, write_mp4, write_png
+from diffuphy.render.colormap import CATEGORY_WORDS, Scale, quantity
+from diffuphy.render.paint import Mixed
 from diffuphy.render.ply import write as write_ply
 from diffuphy.render.report import Report, Section
 from diffuphy.render.sh import from_rgb
 from diffuphy.scorecard import scorecard, section
 from diffuphy.types import Clip, Gaussians, MaterialField, Particles
-
-COLD, WARM = torch.tensor([0.23, 0.30, 0.75]), torch.tensor([0.71, 0.02, 0.15])
-"""Ends of the colour scale of the maps (Moreland 2009, cool–warm)."""
-EXPERT_COLORS = torch.tensor(
-    [
-        [0.27, 0.47, 0.67],
-        [0.93, 0.40, 0.47],
-        [0.80, 0.73, 0.27],
-        [0.13, 0.53, 0.20],
-        [0.67, 0.20, 0.47],
-        [0.40, 0.80, 0.93],
-    ]
-)
-"""One colour an expert, distinguishable by colour-blind readers (Tol, bright)."""
 
 
 def export(
@@ -126,15 +113,13 @@ def maps(gaussians: Gaussians, particles: Particles, field: MaterialField, size:
         with torch.no_grad():
             return render_gaussians(painted, camera, background=torch.ones(3)).rgb[0].clamp(0, 1).numpy()
 
-    log_E = field.theta["E"].log10()
-    lo, hi = float(log_E.min()), float(log_E.max())
-    share = ((log_E - lo) / max(hi - lo, 1e-6))[:, None]
-    result = [(f"log₁₀ E: {lo:.2f} (blue) to {hi:.2f} (red) Pa", paint(COLD * (1 - share) + WARM * share))]
-    for kind, names, w in (("elastic", field.elastic, field.w_e), ("plastic", field.plastic, field.w_p)):
-        shares = zip(names, w.mean(0).tolist(), itertools.cycle(COLOR_WORDS))
-        legend = ", ".join(f"{name} {share:.0%} ({word})" for name, share, word in shares)
-        palette = EXPERT_COLORS[torch.arange(len(names)) % len(EXPERT_COLORS)]
-        result.append((f"{kind}: {legend}", paint(w @ palette)))
+    stiffness = Scale.of(field.theta["E"], "log")
+    ends = [quantity(value, "Pa") for value in (stiffness.lo, stiffness.hi)]
+    result = [(f"E: {ends[0]} (dark) to {ends[1]} (bright)", paint(stiffness.colors(field.theta["E"])))]
+    for kind in ("elastic", "plastic"):
+        laws = Mixed.of(field, kind)
+        said = ", ".join(f"{name} {share:.0%} ({CATEGORY_WORDS[k]})" for name, share, k in laws.entries)
+        result.append((f"{kind}: {said}", paint(laws.colors)))
     return result
 
 
@@ -149,9 +134,6 @@ def curves(at: dict[str, Path]) -> dict[str, list[tuple[int, float]]]:
             found[f"{stage}: {key}"] = values
     return {name: sorted(values.items()) for name, values in found.items()}
 
-
-COLOR_WORDS = ("blue", "red", "yellow", "green", "purple", "cyan")
-"""Names of EXPERT_COLORS."""
 
 NOTES = {
     "hardened_loss": "clip loss of the field that is filmed, every particle on one law",

@@ -103,11 +103,11 @@ def _motion(file: SceneFile) -> Iterator[Row]:
 
 
 def _conditions(file: SceneFile, particles: int | None) -> Iterator[Row]:
-    for meaning in world(file, particles).meanings:
-        c = meaning.condition
-        kinds = ", ".join(type(thing).__name__ for thing in meaning.made) or "nothing"
+    for played in world(file, particles).meanings:
+        c = played.condition
+        kinds = ", ".join(type(thing).__name__ for thing in played.made) or "nothing"
         there = ", ".join(f"{k} {_text(v)}" for k, v in c.values.items())
-        yield Row(f"{c.place} {c.kind}", there, f"{kinds}: {meaning.remark}")
+        yield Row(f"{c.place} {c.kind}", there, f"{kinds}: {played.remark}")
 
 
 def _rest(file: SceneFile, particles: int | None) -> Iterator[Row]:

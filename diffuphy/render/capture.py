@@ -92,6 +92,19 @@ def _splats(path: Path) -> int:
     return size // SPLAT.itemsize
 
 
+def cameras_file(path: Path | str) -> Path:
+    """The cameras.json that ``path`` means: itself, or that of a scene's folder.
+
+    Raises:
+        ValueError: no such file.
+    """
+    path = Path(path).expanduser()
+    path = path / "cameras.json" if path.is_dir() else path
+    if not path.is_file():
+        raise ValueError(f"there is no file {path}")
+    return path
+
+
 def cameras(path: Path | str) -> tuple[Camera, ...]:
     """The cameras of a trained scene, one a picture, in the axes of its file.
 
@@ -104,10 +117,7 @@ def cameras(path: Path | str) -> tuple[Camera, ...]:
     Raises:
         ValueError: no such file, or one that holds no cameras.
     """
-    path = Path(path).expanduser()
-    path = path / "cameras.json" if path.is_dir() else path
-    if not path.is_file():
-        raise ValueError(f"there is no file {path}")
+    path = cameras_file(path)
     if path.stat().st_size > MAX_CAMERAS:
         raise ValueError(f"{path} has {path.stat().st_size} bytes; at most {MAX_CAMERAS} are read")
     try:

@@ -2,12 +2,10 @@
 
 import math
 from dataclasses import dataclass, fields
-from typing import Self
 
 import torch
 from torch import Tensor
 
-from diffuphy.render.around import Scenery
 from diffuphy.render.sh import polar
 from diffuphy.render.skin import Skin, nearest
 from diffuphy.types import Gaussians, Particles
@@ -37,8 +35,8 @@ class Fillers:
     patch of a surface, and sheared ones stick out as hairs.
     """
 
-    gaussians: Gaussians
-    """Of the fillers at rest, in metres."""
+    first: int
+    """Where their Gaussians begin among those of the skin; they are in the order of ``index``."""
     index: Tensor
     """Their particles, shape (M,), int64."""
     bonds: Tensor
@@ -48,47 +46,61 @@ class Fillers:
     reach: float
     """Distance from which a neighbour is gone [m]."""
 
-    @classmethod
-    def of(cls, rest: Gaussians, particles: Particles) -> Self | None:
-        """Fillers of ``particles`` whose Gaussians at rest, in metres, are ``rest``; None where nothing is filled."""
-        index = (particles.gaussian < 0).nonzero()[:, 0].to(rest.means.device)
-        if not len(index):
-            return None
-        x = particles.x.to(rest.means)
-        distance, of = nearest(x[index], rest.means, min(ALIKE, len(rest)))
-        weight = 1 / (distance**2).clamp_min((1e-3 * particles.spacing) ** 2)
-        weight = weight / weight.sum(1, keepdim=True)
-        opacity = (weight * rest.logit_opacities[of].sigmoid()).sum(1)
-        radius = (3 * particles.vol.to(rest.means)[index] / (4 * math.pi)) ** (1 / 3)
-        quats = torch.zeros_like(rest.quats[:1]).expand(len(index), 4).clone()
-        quats[:, 0] = 1
-        sh = (weight[..., None, None] * rest.sh[of]).sum(1)
-        balls = Gaussians(x[index], quats, radius.log()[:, None].expand(-1, 3), opacity.logit(eps=1e-6), sh)
-        bonds = nearest(x[index], x, min(BONDS + 1, len(x)))[1][:, 1:]  # the nearest is the filler itself
-        return cls(balls, index, bonds, x[bonds] - x[index, None], PARTED * particles.spacing)
-
     def exposed(self, x: Tensor, F: Tensor) -> Tensor:
         """Which are drawn, shape (M,): for particles at ``x`` (N, 3) deformed by ``F`` (N, 3, 3)."""
         apart = x[self.bonds] - x[self.index, None] - (F[self.index, None] @ self.arm[..., None])[..., 0]
         return (apart.square().sum(-1) > self.reach**2).any(1)
 
+    def drawn(
+        self, gaussians: Gaussians, means: Tensor, F_g: Tensor, x: Tensor, F: Tensor
+    ) -> tuple[Gaussians, Tensor, Tensor]:
+        """``gaussians`` at rest, their centres (G, 3) [m] and deformations (G, 3, 3), without the hidden fillers.
 
-def drawn(skin: Skin | Scenery, fillers: Fillers | None, x: Tensor, F: Tensor) -> tuple[Gaussians, Tensor, Tensor, int]:
-    """What a frame shows: Gaussians at rest, their centres (G, 3) [m] and deformations (G, 3, 3), and how many of them
-    are fillers; the last ones.
+        Args:
+            x, F: of the particles, (N, 3) [m] and (N, 3, 3).
+        """
+        shown = self.exposed(x, F)
+        keep = torch.ones(len(means), dtype=torch.bool, device=means.device)
+        keep[self.first : self.first + len(shown)] = shown
+        if bool(shown.any()):
+            at = self.first + shown.nonzero()[:, 0]
+            F_g = F_g.clone()
+            F_g[at] = torch.linalg.det(F_g[at]).abs()[:, None, None] ** (1 / 3) * polar(F_g[at])
+        return (
+            Gaussians(**{f.name: getattr(gaussians, f.name)[keep] for f in fields(Gaussians)}),
+            means[keep],
+            F_g[keep],
+        )
 
-    Args:
-        fillers: None draws none.
-        x, F: of the particles, (N, 3) [m] and (N, 3, 3).
-    """
-    means, F_g = skin(x, F)
-    shown = fillers.exposed(x, F) if fillers is not None else None
-    if fillers is None or shown is None or not bool(shown.any()):
-        return skin.gaussians, means, F_g, 0
-    at = fillers.index[shown]
-    ball = torch.linalg.det(F[at]).abs()[:, None, None] ** (1 / 3) * polar(F[at])
-    joined = {
-        f.name: torch.cat([getattr(skin.gaussians, f.name), getattr(fillers.gaussians, f.name)[shown]])
-        for f in fields(Gaussians)
-    }
-    return Gaussians(**joined), torch.cat([means, x[at]]), torch.cat([F_g, ball]), len(at)
+
+def with_fillers(skin: Skin, particles: Particles) -> tuple[Skin, Fillers | None]:
+    """``skin`` with the Gaussians of the particles that carry none behind its own; the same and None where nothing is
+    filled."""
+    rest = skin.gaussians
+    index = (particles.gaussian < 0).nonzero()[:, 0].to(rest.means.device)
+    if not len(index):
+        return skin, None
+    x = particles.x.to(rest.means)
+    distance, of = nearest(x[index], rest.means, min(ALIKE, len(rest)))
+    weight = 1 / (distance**2).clamp_min((1e-3 * particles.spacing) ** 2)
+    weight = weight / weight.sum(1, keepdim=True)
+    opacity = (weight * rest.logit_opacities[of].sigmoid()).sum(1)
+    radius = (3 * particles.vol.to(rest.means)[index] / (4 * math.pi)) ** (1 / 3)
+    quats = torch.zeros_like(rest.quats[:1]).expand(len(index), 4).clone()
+    quats[:, 0] = 1
+    sh = (weight[..., None, None] * rest.sh[of]).sum(1)
+    balls = Gaussians(x[index], quats, radius.log()[:, None].expand(-1, 3), opacity.logit(eps=1e-6), sh)
+    joined = Gaussians(
+        **{f.name: torch.cat([getattr(rest, f.name), getattr(balls, f.name)]) for f in fields(Gaussians)}
+    )
+    k = skin.index.shape[1]
+    whole = torch.zeros(len(index), k).to(skin.weight)
+    whole[:, 0] = 1  # a filler follows its own particle, which lies in its centre
+    follows = Skin(
+        joined,
+        torch.cat([skin.index, index[:, None].expand(-1, k)]),
+        torch.cat([skin.weight, whole]),
+        torch.cat([skin.arm, torch.zeros(len(index), k, 3).to(skin.arm)]),
+    )
+    bonds = nearest(x[index], x, min(BONDS + 1, len(x)))[1][:, 1:]  # the nearest is the filler itself
+    return follows, Fillers(len(rest), index, bonds, x[bonds] - x[index, None], PARTED * particles.spacing)

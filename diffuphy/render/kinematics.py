@@ -21,7 +21,12 @@ def advance(covariance: Tensor, grad_v: Tensor, dt: float) -> Tensor:
     return A @ covariance @ A.mT
 
 
-def limit_stretch(F: Tensor, limit: float) -> tuple[Tensor, int]:
+def limit_stretch(F: Tensor, limit: float) -> Tensor:
+    """F (G, 3, 3) with its singular values cut at ``limit``."""
+    return limited(F, limit)[0]
+
+
+def limited(F: Tensor, limit: float) -> tuple[Tensor, int]:
     """F (G, 3, 3) with its singular values cut at ``limit``, and of how many it had to be."""
     # no singular value exceeds the Frobenius norm: most need no decomposition
     far = torch.linalg.matrix_norm(F) > limit

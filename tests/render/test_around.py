@@ -6,6 +6,7 @@ import math
 import torch
 
 from diffuphy.render import Film
+from diffuphy.render.rigs import Resting
 from diffuphy.render.sh import from_rgb
 from diffuphy.types import Gaussians, Particles, Trajectory
 from diffuphy.workspace import Workspace
@@ -34,7 +35,15 @@ def take(around, **settings):
     particles = Particles(x, torch.full((200,), 1e-5), torch.arange(200), 0.1, (0.0, 0.0, 0.0), 0.02)
     paths = torch.stack([x, x + torch.tensor([0.0, 0.0, 0.2])]) + torch.tensor([0.0, 0.0, 0.1])
     F = torch.eye(3).expand(2, 200, 3, 3).contiguous()
-    film = Film(width=64, height=64, azimuth=0.0, elevation=0.0, around=around, shadow=0.0, floor=False, **settings)
+    film = Film(
+        width=64,
+        height=64,
+        camera=Resting(azimuth=0.0, elevation=0.0),
+        around=around,
+        shadow=0.0,
+        floor=False,
+        **settings,
+    )
     clip = film(ball, particles, Trajectory(paths, torch.zeros_like(paths), F, 10.0), work=Workspace())
     return clip.rgb, film
 
@@ -66,5 +75,5 @@ def test_nothing_around_changes_no_bit() -> None:
     empty, film = take(Wall(torch.zeros(0, 3), (0.0, 0.0, 0.0)))
     assert torch.equal(nothing, empty)
     assert dataclasses.replace(film, around=None) == Film(
-        width=64, height=64, azimuth=0.0, elevation=0.0, shadow=0.0, floor=False
+        width=64, height=64, camera=Resting(azimuth=0.0, elevation=0.0), shadow=0.0, floor=False
     )

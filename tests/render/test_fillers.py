@@ -8,7 +8,7 @@ import torch
 from diffuphy.geometry import rotations
 from diffuphy.mpm.sample import Sample
 from diffuphy.render import Film, Skin
-from diffuphy.render.fillers import PARTED, Fillers, drawn
+from diffuphy.render.fillers import PARTED, Fillers, with_fillers
 from diffuphy.render.sh import from_rgb
 from diffuphy.types import Gaussians, Motion, Particles, Trajectory
 from diffuphy.workspace import Workspace
@@ -30,19 +30,19 @@ def shell(n: int = 1500) -> tuple[Gaussians, Particles]:
 
 def bound() -> tuple[Skin, Particles, Fillers]:
     gaussians, particles = shell()
-    skin = Skin.bind(gaussians, particles)
-    fillers = Fillers.of(skin.gaussians, particles)
-    assert fillers is not None
+    skin, fillers = with_fillers(Skin.bind(gaussians, particles), particles)
+    assert fillers is not None and fillers.first == len(gaussians)
     return skin, particles, fillers
 
 
 def test_fillers_have_the_volume_of_their_particle_and_look_like_their_neighbours() -> None:
     """r³ 4π/3 = V; opacity that of the shell, which is the same everywhere; red above, blue below."""
-    _, particles, f = bound()
-    radius = f.gaussians.log_scales.exp()
+    skin, particles, f = bound()
+    g = Gaussians(**{n: v[f.first :] for n, v in vars(skin.gaussians).items()})
+    radius = g.log_scales.exp()
     torch.testing.assert_close(4 / 3 * math.pi * radius.prod(1), particles.vol[f.index])
-    torch.testing.assert_close(f.gaussians.logit_opacities, torch.full((len(f.index),), 2.2), rtol=1e-4, atol=0)
-    red = f.gaussians.sh[:, 0, 0] > f.gaussians.sh[:, 0, 2]
+    torch.testing.assert_close(g.logit_opacities, torch.full((len(f.index),), 2.2), rtol=1e-4, atol=0)
+    red = g.sh[:, 0, 0] > g.sh[:, 0, 2]
     high, low = (s * particles.x[f.index][:, 2] > 0.05 for s in (1, -1))
     assert bool(red[high].all()) and not bool(red[low].any())
     assert int(high.sum()) > 10 and bool((particles.gaussian[f.index] < 0).all())
@@ -54,8 +54,10 @@ def test_nothing_is_shown_of_a_body_that_has_not_opened() -> None:
     for A in (torch.eye(3), TURN, TURN @ SHEAR):
         x, F = particles.x @ A.mT + 0.3, A.expand(len(particles), 3, 3)
         assert not bool(f.exposed(x, F).any())
-        gaussians, _, _, count = drawn(skin, f, x, F)
-        assert gaussians is skin.gaussians and count == 0
+        means, F_g = skin(x, F)
+        left = f.drawn(skin.gaussians, means, F_g, x, F)
+        assert len(left[0]) == f.first and torch.equal(left[1], means[: f.first])
+        torch.testing.assert_close(means[f.first :], x[f.index])
 
 
 def test_what_a_cut_lays_open_is_shown() -> None:
@@ -70,9 +72,23 @@ def test_what_a_cut_lays_open_is_shown() -> None:
         assert bool(shown.any()) == opens
     near = rest[f.index][shown, 0].abs() / particles.spacing
     assert float(near.max()) < 2.5 and int(shown.sum()) > 20
-    gaussians, means, F_g, count = drawn(skin, f, x, F)
-    assert count == int(shown.sum()) and len(gaussians) == len(means) == len(F_g) == len(skin.gaussians) + count
-    assert torch.equal(means[-count:], x[f.index[shown]])
+    gaussians, means, F_g = f.drawn(skin.gaussians, *skin(x, F), x, F)
+    assert len(gaussians) == len(means) == len(F_g) == f.first + int(shown.sum())
+    assert torch.equal(means[f.first :], x[f.index[shown]])
+
+
+def test_what_is_shown_keeps_volume_and_rotation() -> None:
+    """A torn filler sheared by F = R S is drawn with det(S)^{1/3} R: a ball as large as its matter, turned."""
+    skin, particles, f = bound()
+    A = TURN @ SHEAR
+    x = particles.x @ A.mT + 0.4 * (particles.x[:, :1] > 0)
+    F = A.expand(len(x), 3, 3)
+    *_, F_g = f.drawn(skin.gaussians, *skin(x, F), x, F)
+    U, S, V = torch.linalg.svd(A.double())
+    expected = (S.prod() ** (1 / 3) * U @ V).float()
+    assert len(F_g) > f.first
+    torch.testing.assert_close(F_g[f.first :], expected.expand(len(F_g) - f.first, 3, 3), rtol=1e-5, atol=1e-5)
+    assert torch.equal(F_g[: f.first], F[: f.first])
 
 
 def test_the_picture_of_a_body_that_has_not_opened_is_that_without_fillers() -> None:
@@ -95,5 +111,6 @@ def test_the_picture_of_a_body_that_has_not_opened_is_that_without_fillers() -> 
 
 def test_a_body_without_fillers_has_none() -> None:
     gaussians, particles = shell()
-    bare = dataclasses.replace(particles, gaussian=torch.zeros_like(particles.gaussian))
-    assert Fillers.of(gaussians, bare) is None
+    bare = dataclasses.replace(particles, gaussian=torch.arange(len(particles)).clamp_max(len(gaussians) - 1))
+    skin = Skin.bind(gaussians, bare)
+    assert with_fillers(skin, bare) == (skin, None)

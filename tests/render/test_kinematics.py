@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from diffuphy.geometry import covariances, rotations
-from diffuphy.render.kinematics import advance, limit_stretch
+from diffuphy.render.kinematics import advance, limited
 
 
 def normal(*shape: int, seed: int = 0) -> torch.Tensor:
@@ -52,6 +52,6 @@ def test_what_is_limited_is_counted() -> None:
     """Three of five are stretched beyond 3; Frobenius norms above it alone do not count."""
     S = torch.tensor([[4.0, 1, 1], [1, 1, 3.5], [2.9, 2.9, 2.9], [1, 1, 1], [9, 9, 9]], dtype=torch.float64)
     R, Q = rotations(normal(5, 4)), rotations(normal(5, 4, seed=1))
-    cut, count = limit_stretch((R * S[:, None]) @ Q, 3.0)
+    cut, count = limited((R * S[:, None]) @ Q, 3.0)
     assert count == 3
     torch.testing.assert_close(torch.linalg.svdvals(cut)[:, 0], S.amax(1).clamp_max(3.0))
