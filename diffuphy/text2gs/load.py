@@ -46,6 +46,9 @@ class LoadGaussians:
     outside stand still. None takes all of them as the object."""
     min_opacity: float = 0.02
     """Gaussians more transparent than this are haze and are removed [-]; PhysGaussian's value."""
+    anisotropy: float | None = None
+    """Longest over shortest axis [-] beyond which Gaussians of the object are made rounder while its pictures stay
+    (``text2gs.rounding``); None takes them as they are."""
     sh_degree: int = 3
     """Highest degree of spherical harmonics kept, 0 to 3; what the file has above it is not read."""
     max_gaussians: int = 10_000_000
@@ -62,6 +65,8 @@ class LoadGaussians:
                 raise ValueError(
                     f"region must be [xmin, xmax, ymin, ymax, zmin, zmax] with min < max, got {list(self.region)}"
                 )
+        if self.anisotropy is not None and not self.anisotropy >= 1.0:
+            raise ValueError(f"anisotropy must be at least 1, a ratio of axes, or null, got {self.anisotropy}")
         if not 0.0 <= self.min_opacity < 1.0:
             raise ValueError(f"min_opacity must be in [0, 1), got {self.min_opacity}")
         if self.sh_degree not in N_SH or self.max_gaussians < 1:
@@ -84,14 +89,18 @@ class LoadGaussians:
         work = work or Workspace()
         g, kept = self._read()
         inside = self._inside(g)
-        subject = self._placed(g, inside, inside)
+        subject = self._placed(g, inside, inside).to(work.device)
+        if self.anisotropy is not None:
+            from diffuphy.text2gs.rounding import Rounding
+
+            subject = Rounding(self.anisotropy)(subject, work=work)
         counts = {**kept, "around": int((~inside).sum())}
         work.log(0, gaussians=int(inside.sum()), **counts)
         log.info(
             "%d Gaussians of %s; removed %d broken and %d transparent ones; %d stand around the object",
             int(inside.sum()), capture.source(self.path), kept["broken"], kept["transparent"], counts["around"],
         )  # fmt: skip
-        return subject.to(work.device)
+        return subject
 
     def rest(self) -> Gaussians | None:
         """What stands around the object and does not move, in the object's frame; None where there is nothing."""
