@@ -122,39 +122,6 @@ def maps(gaussians: Gaussians, particles: Particles, field: MaterialField, size:
             gaussians.log_scales[visible],
             gaussians.logit_opacities[visible],
             from_rgb(colors[index]),
-
-
-def sections(done: Sequence[Done]) -> list[Section]:
-    """How good the film is, and how wrong."""
-    scores, errors = scorecard(done), judgement(done)
-    return [*([section(scores)] if scores else []), *([errors.section()] if errors else [])]
-
-
-def views(gaussians: Gaussians, size: int = 200) -> list[tuple[str, Any]]:
-    """The object from four sides and from above."""
-    named = [("front", 0, 12), ("left", 90, 12), ("back", 180, 12), ("right", 270, 12), ("above", 30, 65)]
-    camera = orbit([a for _, a, _ in named], torch.tensor([float(e) for *_, e in named]), 3.4, width=size, height=size)
-    with torch.no_grad():
-        rgb = render_gaussians(gaussians, camera, background=torch.ones(3)).rgb.clamp(0, 1)
-    return [(name, image.numpy()) for (name, *_), image in zip(named, rgb, strict=True)]
-
-
-def maps(gaussians: Gaussians, particles: Particles, field: MaterialField, size: int = 260) -> list[tuple[str, Any]]:
-    """The object painted by stiffness and by the laws each particle follows."""
-    owner = torch.full((len(gaussians),), -1, dtype=torch.long)
-    carried = particles.gaussian >= 0
-    owner[particles.gaussian[carried]] = torch.arange(len(particles))[carried]
-    visible = owner >= 0
-    index = owner[visible]
-    camera = orbit([35.0], 18.0, 3.4, width=size, height=size)
-
-    def paint(colors: Tensor) -> Any:
-        painted = Gaussians(
-            gaussians.means[visible],
-            gaussians.quats[visible],
-            gaussians.log_scales[visible],
-            gaussians.logit_opacities[visible],
-            from_rgb(colors[index]),
         )
         with torch.no_grad():
             return render_gaussians(painted, camera, background=torch.ones(3)).rgb[0].clamp(0, 1).numpy()
