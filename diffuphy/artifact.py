@@ -22,7 +22,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from diffuphy.workspace import Workspace
+from diffuphy.workspace import Watch, Workspace
 
 log = logging.getLogger(__name__)
 SCRATCH = "work"
@@ -146,10 +146,12 @@ class Store:
         device: where inputs are put before a stage sees them.
         interval: seconds between the checkpoints of a long stage.
         progress: show bars; by default only when standard error is a terminal.
+        watch: who is shown what a stage has so far; None: nobody.
     """
 
-    def __init__(self, root: Path, *, device: str = "cpu", interval: float = 5.0, progress: bool | None = None):
-        self.root, self.device, self.interval, self.progress = root, device, interval, progress
+    def __init__(self, root: Path, *, device: str = "cpu", interval: float = 5.0, progress: bool | None = None,
+                 watch: Watch | None = None):  # fmt: skip
+        self.root, self.device, self.interval, self.progress, self.watch = root, device, interval, progress, watch
         self._digests: dict[Path, str] = {}
         try:
             root.mkdir(parents=True, exist_ok=True)
@@ -237,7 +239,8 @@ class Store:
 
     def _compute(self, stage: Stage, path: Path, done: dict[str, Path], types: dict[str, Any]) -> None:
         partial = path.with_suffix(".partial")
-        work = Workspace(partial / SCRATCH, interval=self.interval, progress=self.progress, device=self.device)
+        how = {"interval": self.interval, "progress": self.progress, "device": self.device, "watch": self.watch}
+        work = Workspace(partial / SCRATCH, **how)
         inputs = [self._load(name, done, types) for name in stage.inputs]
         recipe = self.recipe(stage, done)
         log.info("%s: %s", stage.name, "continuing" if work.load() is not None else "started")

@@ -46,9 +46,10 @@ MAY_IMPORT = {
     "export": {"formats"},
     "explain": set(),
     "settings": set(),
-    "making": {"quoting", "settings", "artifact", "plan", "pipeline", "deliverables", "formats"},
+    "making": {"quoting", "settings", "artifact", "plan", "pipeline", "deliverables", "formats", "viewer"},
     "cli": {"quoting", "explain", "making", "artifact", "judgement", "scorecard"},
     "doctor": {"models", "compiling", "making"},
+    "viewer": {"types", "workspace", "geometry", "material", "mpm", "render", "accuracy", "explain", "making"},
     "__init__": {"making"},
     "__main__": {"cli"},
 }

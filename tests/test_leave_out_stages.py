@@ -22,8 +22,8 @@ from diffuphy.mpm.filling import Flood, Rays
 from diffuphy.mpm.sample import Sample
 from diffuphy.plan import Plan
 from diffuphy.render import Film, orbit, render_gaussians, sh
-from diffuphy.render.clip import limit_stretch
 from diffuphy.render.floor import Shadow
+from diffuphy.render.kinematics import limit_stretch
 from diffuphy.types import N_SH, Motion, Trajectory
 from diffuphy.workspace import Workspace
 from tests.mpm.bodies import field as material

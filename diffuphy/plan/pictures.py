@@ -79,12 +79,14 @@ def picture_lines(fit: Any) -> list[Line]:
 
 def film_lines(components: Mapping[str, Any]) -> list[Line]:
     """Parts of a frame."""
-    film = components["clip"]
+    film, filled = components["clip"], getattr(components["particles"], "filling", None) is not None
 
     def other(**settings: Any) -> dict[str, Any]:
         return {"clip": dataclasses.replace(film, **settings)}
 
     return [
+        Line.kept("inside shown", film.fillers and filled, "where the body opens",
+                  "film.fillers=false" if filled else "nothing is filled"),
         Line.kept("floor", film.floor, "the film shows it", "film.floor=false"),
         Line.kept("shadow", film.floor and film.shadow > 0, f"darkness {film.shadow:g}",
                   "film.shadow=0" if film.floor else "no floor that it could fall on", other(floor=True, shadow=0.5)),

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from diffuphy.losses import SDS, Constant, Estimator, Exponential, Linear, Schedule, sds
 from diffuphy.losses.guidance import Guidance
+from diffuphy.losses.regularize import anisotropy
 from diffuphy.losses.sds import Weight
 from diffuphy.render import Rasteriser, Warp, orbit, render_gaussians
 from diffuphy.text2gs.cameras import Orbits
@@ -114,6 +115,11 @@ class FitGaussians:
     """Longest axis of a Gaussian (1 σ) [object units]."""
     max_ratio: float = 5.0
     """Longest over shortest axis of a Gaussian; 8 gains 0.1 dB and makes flatter ones, which a deforming body tears."""
+    anisotropy: float = 0.0
+    """Weight of the mean excess of the ratio of axes over ``anisotropy_ratio`` (``losses.regularize``) [-]; 0 leaves it
+    out: ``max_ratio`` bounds every ratio already."""
+    anisotropy_ratio: float = 3.0
+    """Ratio up to which Gaussians are let alone [-]."""
     min_opacity: float = 0.1
     """Gaussians more transparent than this are haze and go at the end."""
     isolation: float = 4.0
@@ -144,6 +150,11 @@ class FitGaussians:
                 f"fit.views must be a multiple of fit.cameras.ring, and that of the {together} views that the prior "
                 f"judges together, got {self.views} and {self.cameras.ring}; set both to {together}"
             )
+        if self.anisotropy < 0.0 or self.anisotropy_ratio < 1.0:
+            raise ValueError(
+                "anisotropy must not be negative and anisotropy_ratio at least 1, "
+                f"got {self.anisotropy} and {self.anisotropy_ratio}"
+            )
         self.estimator.check(self.guidance)
 
     def __call__(self, look: Look, *, work: Workspace | None = None) -> Gaussians:
@@ -171,6 +182,8 @@ class FitGaussians:
 
             run.observe()
             shape = self._shape(look, run)
+            if self.anisotropy > 0.0:
+                (self.anisotropy * anisotropy(params.values["log_scales"], self.anisotropy_ratio)).backward()
             params.step(self.rates, self.decay(step, self.steps), opaque=self.opaque)
             params.project(max_scale=self.max_scale, max_ratio=self.max_ratio)
             run.step += 1
@@ -182,6 +195,7 @@ class FitGaussians:
                 scalars = {"sds": loss.item(), **shape, "t_max": self.t_max(step, self.steps)}
                 work.log(run.step, gaussians=len(params), **scalars)
             bar.update()
+            work.show("gaussians", run.step, self.steps, params.gaussians)
             if work.due():
                 work.save(run.state())
         bar.close()

@@ -59,6 +59,9 @@ class LoadGaussians:
     """Of the search for the ground."""
     min_opacity: float = 0.02
     """Gaussians more transparent than this are haze and are removed [-]; PhysGaussian's value."""
+    anisotropy: float | None = None
+    """Longest over shortest axis [-] beyond which Gaussians of the object are made rounder while its pictures stay
+    (``text2gs.rounding``); None takes them as they are."""
     sh_degree: int = 3
     """Highest degree of spherical harmonics kept, 0 to 3; what the file has above it is not read."""
     max_gaussians: int = 10_000_000
@@ -77,6 +80,8 @@ class LoadGaussians:
                 raise ValueError(
                     f"region must be [xmin, xmax, ymin, ymax, zmin, zmax] with min < max, got {list(self.region)}"
                 )
+        if self.anisotropy is not None and not self.anisotropy >= 1.0:
+            raise ValueError(f"anisotropy must be at least 1, a ratio of axes, or null, got {self.anisotropy}")
         if not 0.0 <= self.min_opacity < 1.0:
             raise ValueError(f"min_opacity must be in [0, 1), got {self.min_opacity}")
         if self.sh_degree not in N_SH or self.max_gaussians < 1:
@@ -114,7 +119,11 @@ class LoadGaussians:
         work = work or Workspace()
         scene = self._read()
         inside = scene.inside
-        subject = self._placed(scene.g, inside, inside)
+        subject = self._placed(scene.g, inside, inside).to(work.device)
+        if self.anisotropy is not None:
+            from diffuphy.text2gs.rounding import Rounding
+
+            subject = Rounding(self.anisotropy)(subject, work=work)
         counts = {**scene.removed, "around": int((~inside).sum())}
         if scene.ground is not None:
             counts |= {"ground_share": scene.ground.share}
@@ -124,7 +133,7 @@ class LoadGaussians:
             "%d Gaussians of %s; removed %d broken and %d transparent ones; %d stand around the object",
             int(inside.sum()), capture.source(self.path), counts["broken"], counts["transparent"], counts["around"],
         )  # fmt: skip
-        return subject.to(work.device)
+        return subject
 
     @property
     def parted(self) -> bool:
