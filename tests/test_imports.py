@@ -25,7 +25,7 @@ MAY_IMPORT = {
     "material": {"types", "compiling"},
     "render": {"types", "workspace", "geometry", "compiling", "material"},
     "mpm": {"types", "workspace", "geometry", "compiling", "material"},
-    "physgaussian": {"material", "mpm"},
+    "physgaussian": {"material", "mpm", "render"},
     "convert": {"physgaussian"},
     "text2gs": {"types", "workspace", "geometry", "compiling", "render", "losses", "models"},
     "appearance": {"types", "geometry", "render", "material"},

@@ -119,7 +119,7 @@ def level(x: Tensor, volume: Tensor, cell: float, sigma: float) -> tuple[Tensor,
     vertices, faces = IsoSurfaceMarchingCubes.extract(
         wp.from_torch(phi.contiguous()), 0.5, lower=wp.vec3(*origin.tolist()), upper=wp.vec3(*upper.tolist())
     )
-    return wp.to_torch(vertices).clone(), wp.to_torch(faces).reshape(-1, 3).clone()
+    return wp.to_torch(vertices).clone(), wp.to_torch(faces).reshape(-1, 3).flip(1)  # matter is where φ is high
 
 
 def density(x: Tensor, volume: Tensor, cell: float, sigma: float) -> tuple[Tensor, Tensor]:

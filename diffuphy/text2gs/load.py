@@ -109,6 +109,11 @@ class LoadGaussians:
         turn = Placement.turns(self.turns)
         return tuple(place.camera(turn.camera(quarter.camera(c))) for c in capture.cameras(self.path))
 
+    def longest(self) -> float:
+        """Longest side of the object, in lengths of the file."""
+        g, _ = self._read()
+        return 2.0 / normalised(g.means[self._inside(g)], self.path).scale
+
     @property
     def count(self) -> int:
         """Gaussians in the file."""
