@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from diffuphy.physgaussian.frame import MIDDLE, Frame
+from diffuphy.physgaussian.frame import Frame
 from diffuphy.physgaussian.scene_file import SceneFile
 from diffuphy.physgaussian.world import world
 from diffuphy.render.captured import Captured
@@ -56,13 +56,12 @@ def rig(file: SceneFile, unit: float, fov: float) -> Increments:
     frame = world(file).frame
     moves = bool(file["move_camera"])
     step = [float(file[k] or 0.0) if moves else 0.0 for k in ("delta_a", "delta_e", "delta_r")]
-    center = file["mpm_space_viewpoint_center"] or MIDDLE
     return Increments(
         azimuth=horizon(file, frame) - file["init_azimuthm"],
         elevation=file["init_elevation"],
         radius=file["init_radius"] * unit,
         step=(-step[0], step[1], step[2] * unit),
-        center=frame.point(center),
+        center=frame.point(file["mpm_space_viewpoint_center"]),
         fov=fov,
     )
 

@@ -87,7 +87,7 @@ class Resting(Sight):
 
 @dataclass(frozen=True)
 class Turntable(Sight):
-    """Goes round the middle of the motion at one height and distance, from which every frame shows all of it."""
+    """Goes round the middle of the motion at one height and distance, from which every frame shows the whole object."""
 
     degrees: float = 360.0
     """How far it goes, from +x towards +y [deg]; once round the whole film closes: it can be played in a loop."""
@@ -107,7 +107,10 @@ class Turntable(Sight):
         R = look_at(out, torch.zeros_like(out))[:, :3, :3]
         K = intrinsics(self.fov, width, height).to(points)
         middle = (points.amin(0) + points.amax(0)) / 2
-        far = self._reach(points - middle, R, K, width, height)
+        there = boxes(trajectory).movedim(1, 0)  # (T, 8, 3): what is in the picture at its own time
+        if floor:
+            there = torch.cat([there, points[-frames:, None]], dim=1)
+        far = self._reach(there - middle, R, K, width, height)
         return Camera(look_at(middle + far * out, middle.expand_as(out)), K.expand(frames, 3, 3), width, height)
 
 
