@@ -73,7 +73,7 @@ def export(
         settings=settings,
         stages=[{"name": d.name, "cached": d.cached, "seconds": d.seconds, "megabytes": d.megabytes} for d in done],
         numbers=numbers(at),
-        warnings=[*warnings, *speed(clip)],
+        warnings=[*warnings, *speed(clip), *limited(at["clip"])],
         sections=sections(done),
     )
     return files
@@ -86,6 +86,19 @@ def speed(clip: Clip) -> list[str]:
     how = f"{clip.slow:g} times slower" if clip.slow > 1 else f"{1 / clip.slow:g} times faster"
     return [
         f"The film is played {how} than it happens: {clip.fps:g} frames of a second as {playback(clip):g} a second."
+    ]
+
+
+def limited(clip: Path) -> list[str]:
+    """What a reader must know of Gaussians that the film draws shorter than their matter is stretched."""
+    file = clip / SCRATCH / "summary.json"
+    found = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    if not found.get("limited_frames"):
+        return []
+    most, frames = found["limited_most"], found["limited_frames"]
+    return [
+        f"In {frames} frames Gaussians are drawn shorter than their matter is stretched, at most {most} of "
+        f"{found['gaussians']}: film.stretch limits them, where matter has flowed or torn apart."
     ]
 
 

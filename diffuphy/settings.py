@@ -17,6 +17,7 @@ RUN = {
     "accuracy": float | None,
     "outputs": tuple[str, ...],
     "checkpoint_seconds": float,
+    "viewer": Literal["off", "on"],
 }
 """Kinds of the settings that belong to no component."""
 

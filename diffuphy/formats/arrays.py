@@ -25,8 +25,8 @@ UNITS = {
     "opacities": "-; in [0, 1], (G,)",
     "sh": "colour coefficients in the 3DGS basis, (G, (degree + 1)^2, 3)",
 }
-"""Every array of the file: unit, meaning, shape. A Gaussian is at the sum over k of
-share (x[follows] + F[follows] arm), with covariance F A F^T."""
+"""Every array of the file: unit, meaning, shape. A Gaussian is at the sum over k of share (x[follows] +
+F[follows] arm), with covariance F A F^T."""
 
 
 def npz(run: Run, options: Options) -> list[Path]:

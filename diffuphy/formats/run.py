@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from diffuphy.render import sh as harmonics
-from diffuphy.render.clip import limit_stretch
+from diffuphy.render.kinematics import limit_stretch
 from diffuphy.render.skin import Skin
 from diffuphy.render.views import Views
 from diffuphy.types import Clip, Gaussians, MaterialField, Particles, Trajectory

@@ -81,6 +81,11 @@ class Matter:
         return self.w_e, self.w_p, self.theta, self.m, self.vol
 
 
+def state_bytes(state: State) -> int:
+    """Memory of one state [byte]."""
+    return sum(t.numel() * t.element_size() for t in state.tensors() if t is not None)
+
+
 class Rows:
     """``slots`` copies of the state of a frame below each other: row s N + p is particle p after s rounds; u counts
     from the first."""

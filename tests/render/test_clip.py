@@ -8,7 +8,7 @@ import torch
 
 from diffuphy.render import Film, contact_sheet, sh, write_mp4, write_png
 from diffuphy.render.brush import normals
-from diffuphy.render.clip import limit_stretch
+from diffuphy.render.kinematics import limit_stretch
 from diffuphy.render.paths import path
 from diffuphy.render.rigs import Resting, Turntable
 from diffuphy.render.video import playback, straight
