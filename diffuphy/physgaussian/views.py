@@ -71,16 +71,17 @@ def filmed(file: SceneFile, scene: Any = None, fov: float = 32.0) -> Rig:
 
     Args:
         scene: who has read the Gaussians that it was written for (``text2gs.load.LoadGaussians``); its cameras.json has
-            their camera ``default_camera_index``. None: radii are taken in metres, and a camera of cameras.json cannot
-            be had: the film's own sees the whole motion.
+            their camera ``default_camera_index``. None: a camera at rest in their
+            direction, or that of the film, which sees the whole motion.
         fov: without ``scene`` [deg].
     """
     index = int(file["default_camera_index"])
     if index < 0 and scene is not None:
         return rig(file, file["scale"] / scene.longest(), fov)
     if index < 0:
-        log.info("camera: init_radius is taken in metres; gaussians=ply would say how long its unit is")
-        return rig(file, 1.0, fov)
+        log.info("camera: init_radius is in lengths of Gaussians that are not given; the whole motion is framed")
+        made = rig(file, 1.0, fov)
+        return Resting(azimuth=made.azimuth, elevation=made.elevation, fov=fov)
     if scene is None:
         log.info("camera: default_camera_index = %d is one of cameras.json, of a scene that is not given", index)
         return Resting()

@@ -39,6 +39,12 @@ class Scenery:
         return torch.cat([means, still]), torch.cat([F_g, torch.eye(3).to(F_g).expand(len(still), 3, 3)])
 
 
+def floor(around: Around | None, particles: Particles) -> float:
+    """Height of the floor in the frame of the particles [m]: where a scene has its ground, else the lowest particle."""
+    ground = around.floor() if around is not None else None
+    return float(particles.x[:, 2].amin()) if ground is None else particles.scale * ground + particles.offset[2]
+
+
 def with_scenery(skin: Skin, around: Around | None, particles: Particles) -> Skin | Scenery:
     """``skin``, with what stands around its object if there is anything.
 
@@ -49,9 +55,7 @@ def with_scenery(skin: Skin, around: Around | None, particles: Particles) -> Ski
     if rest is None:
         return skin
     still = to_metres(rest.to(skin.gaussians.means.device), particles)
-    ground = around.floor() if around is not None else None
-    lowest = float(particles.x[:, 2].amin()) if ground is None else particles.scale * ground + particles.offset[2]
-    up = still.means.new_tensor([0.0, 0.0, -lowest])
+    up = still.means.new_tensor([0.0, 0.0, -floor(around, particles)])
     still = dataclasses.replace(still, means=still.means + up)
     names = [f.name for f in dataclasses.fields(Gaussians)]
     joined = {n: torch.cat([getattr(skin.gaussians, n), getattr(still, n).to(skin.gaussians.means)]) for n in names}

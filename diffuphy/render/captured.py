@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from diffuphy.geometry import rotations
+from diffuphy.render.around import floor as ground
 from diffuphy.render.capture import cameras_file
 from diffuphy.render.placement import Placement
 from diffuphy.types import Camera, Particles, Trajectory
@@ -22,7 +23,7 @@ class Captured:
     """
 
     scene: Any
-    """Who knows the cameras of the scene in the object's frame: ``cameras() -> tuple of Camera``
+    """Who knows the cameras of the scene in the object's frame: ``cameras()``, ``floor()``
     (``text2gs.load.LoadGaussians``)."""
     path: str = field(metadata={"content": cameras_file})
     """The scene's folder or its cameras.json; the film depends on what it holds."""
@@ -47,7 +48,7 @@ class Captured:
             if not -len(found) <= view < len(found):
                 raise ValueError(f"camera.views has {view}, but {self.path} has cameras 0 to {len(found) - 1}")
         chosen = [resized(found[view], width, height) for view in self.views]
-        place = standing(particles)
+        place = standing(self.scene, particles)
         chosen = [Placement.turns([("z", self.degrees)]).camera(place.camera(c)) for c in chosen]
         view, K = (torch.cat([getattr(c, name).double() for c in chosen]) for name in ("viewmats", "Ks"))
         if len(chosen) > 1:
@@ -55,10 +56,10 @@ class Captured:
         return Camera(view.to(x), K.to(x), width, height)
 
 
-def standing(particles: Particles) -> Placement:
-    """From the object's frame to metres, as what stands around it is placed: the lowest particle at rest at z = 0."""
+def standing(scene: Any, particles: Particles) -> Placement:
+    """From the object's frame to metres, as what stands around it is placed: the floor of the scene at z = 0."""
     shift = torch.tensor(particles.offset, dtype=torch.float64)
-    shift[2] -= float(particles.x[:, 2].amin())
+    shift[2] -= ground(scene, particles)
     return Placement(torch.tensor([1.0, 0, 0, 0], dtype=torch.float64), float(particles.scale), shift)
 
 

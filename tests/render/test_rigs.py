@@ -115,6 +115,9 @@ class Scene:
         both = orbit([0.0, 90.0], [10.0, 30.0], [4.0, 6.0], width=200, height=100, fov=40.0)
         return tuple(both[k : k + 1] for k in range(2))
 
+    def floor(self) -> None:
+        return None
+
 
 def test_a_captured_camera_sees_what_it_saw(tmp_path) -> None:
     """A point of the object at rest, placed in metres on the floor, has its old place in the middle part of the
