@@ -141,7 +141,8 @@ def _camera(file: SceneFile) -> str:
     made = rig(file, 1.0, 32.0)
     return (
         f"camera=physgaussian: azimuth {made.azimuth:.4g} degrees, the other way round; {made.step[0]:.4g}, "
-        f"{made.step[1]:.4g} degrees and {made.step[2]:.4g} a frame; radii in lengths of the Gaussians' file"
+        f"{made.step[1]:.4g} degrees and {made.step[2]:.4g} a frame; radii in lengths of the Gaussians' file; without "
+        "them at rest in its first direction"
     )
 
 
