@@ -178,6 +178,11 @@ class LoadGaussians:
             found = tuple(turn.camera(c) for c in found)
         return found
 
+    def longest(self) -> float:
+        """Longest side of the object, in lengths of the file."""
+        scene = self._read()
+        return 2.0 / normalised(scene.g.means[scene.inside], self.path).scale
+
     @property
     def count(self) -> int:
         """Gaussians in the file."""
