@@ -25,6 +25,7 @@ def object_lines(components: Mapping[str, Any]) -> list[Line]:
     )  # fmt: skip
     return [
         *distillation_lines(fit),
+        *picture_lines(fit),
         harmonics,
         shape_line(fit),
         Line.kept("densification", fit.densify is not None, "more Gaussians where the loss still pulls",
@@ -43,11 +44,11 @@ def sized(components: Mapping[str, Any]) -> dict[str, Any]:
 
 def given_lines(given: Any) -> list[Line]:
     """An object that is read from a file instead of made."""
-    region = getattr(given, "region", None)
+    parted = getattr(given, "parted", False)
     return [
         Line("score distillation", "left out", f"the object is given: {given.count} Gaussians from {given.path}"),
         Line("spherical harmonics", f"at most degree {given.sh_degree}", "as the file has them"),
-        Line.kept("surroundings", region is not None, "what lies outside the region stands still", "no region"),
+        Line.kept("surroundings", parted, "what is not the object stands still", "all of it is the object"),
     ]
 
 
@@ -65,6 +66,15 @@ def distillation_lines(fit: Any) -> list[Line]:
     if not hasattr(fit, "estimator"):
         return []
     return [Line("score distillation", type(fit.estimator).__name__, f"w(t) = {fit.weight}, views a step: {fit.views}")]
+
+
+def picture_lines(fit: Any) -> list[Line]:
+    """Pictures of the user's own, if they are what is fitted."""
+    pictures: Any = getattr(fit, "judge", None)
+    if not hasattr(pictures, "held"):
+        return []
+    why = f"{pictures.held} of them are held out and compared with at the end" if pictures.held else "none is held out"
+    return [Line("pictures", f"{pictures.bank + pictures.held} from {pictures.path}", why)]
 
 
 def film_lines(components: Mapping[str, Any]) -> list[Line]:

@@ -2,7 +2,7 @@
 
 import logging
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, Protocol
 
 import torch
 from torch import Tensor
@@ -14,13 +14,54 @@ from diffuphy.losses.sds import Weight
 from diffuphy.render import Rasteriser, Warp, orbit, render_gaussians
 from diffuphy.text2gs.cameras import Orbits
 from diffuphy.text2gs.densify import AdaptiveSplitting
-from diffuphy.text2gs.init import Ball, PointECloud, SurfaceCloud
+from diffuphy.text2gs.init import Start, SurfaceCloud
 from diffuphy.text2gs.params import LearningRates, Parameters, clean
 from diffuphy.text2gs.shape_prior import ShapePrior
-from diffuphy.types import N_SH, Gaussians, Look
+from diffuphy.types import N_SH, Camera, Gaussians, Look
 from diffuphy.workspace import Workspace
 
 log = logging.getLogger(__name__)
+
+
+class Judge(Protocol):
+    """Whoever says how good Gaussians are."""
+
+    def judge(self, gaussians: Gaussians, backend: Rasteriser) -> dict[str, float]:
+        """Numbers by name."""
+        ...
+
+
+class Bank(Protocol):
+    """Cameras to draw from: ``Orbits``, or those of pictures."""
+
+    @property
+    def bank(self) -> int:
+        """How many there are."""
+        ...
+
+    @property
+    def ring(self) -> int:
+        """How many of them always come together."""
+        ...
+
+    @property
+    def size(self) -> int:
+        """Longer side of the picture [px]."""
+        ...
+
+    @property
+    def distance(self) -> float:
+        """From camera to origin, for previews [object units]."""
+        ...
+
+    @property
+    def fov(self) -> float:
+        """Angle of previews across the shorter side [deg]."""
+        ...
+
+    def __call__(self) -> Camera:
+        """All of them."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -36,9 +77,9 @@ class FitGaussians:
 
     guidance: Guidance
     """The prior; its layout must be "image" or "views"."""
-    cameras: Orbits = field(default_factory=Orbits)
+    cameras: Bank = field(default_factory=Orbits)
     """Bank of cameras to draw from, and their picture size."""
-    init: SurfaceCloud | Ball | PointECloud = field(default_factory=SurfaceCloud)
+    init: Start = field(default_factory=SurfaceCloud)
     """What to start from."""
     shape: ShapePrior | None = None
     """A prior of where the points are, beside that of what they look like; None leaves it out."""
@@ -89,6 +130,8 @@ class FitGaussians:
     """Rasteriser."""
     seed: int = 0
     """Of everything random: start, cameras, backgrounds, times, noise, children."""
+    judge: Judge | None = field(default=None, metadata={"runtime": True})
+    """Asked at the end about the result; its numbers go to the log. None: nobody."""
 
     def __post_init__(self) -> None:
         if self.guidance.layout not in ("image", "views"):
@@ -152,6 +195,7 @@ class FitGaussians:
                 scalars = {"sds": loss.item(), **shape, "t_max": self.t_max(step, self.steps)}
                 work.log(run.step, gaussians=len(params), **scalars)
             bar.update()
+            work.show("gaussians", run.step, self.steps, params.gaussians)
             if work.due():
                 work.save(run.state())
         bar.close()
@@ -162,6 +206,8 @@ class FitGaussians:
         )
         work.log(run.step, event="clean", gaussians=len(gaussians), **removed)
         log.info("%d Gaussians after %d steps; removed %s", len(gaussians), self.steps, removed)
+        if self.judge is not None:
+            work.log(run.step, event="judged", **self.judge.judge(gaussians, self.backend))
         return gaussians
 
     def _shape(self, look: Look, run: "_Run") -> dict[str, float]:
