@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-from diffuphy.mpm.filling import Flood
 from diffuphy.plan.line import Line
 
 
@@ -13,7 +12,7 @@ def object_lines(components: Mapping[str, Any]) -> list[Line]:
     fit, sample = components["gaussians"], components["particles"]
     how = f"Gaussians are a shell, the inside needs particles: {type(sample.filling).__name__}"
     filling = Line.kept("interior fill", sample.filling is not None, how, "sample.filling=null",
-                        {"particles": dataclasses.replace(sample, filling=Flood())})  # fmt: skip
+                        {"particles": dataclasses.replace(sample, filling=type(sample)().filling)})  # fmt: skip
     if hasattr(fit, "path"):
         return [*given_lines(fit), filling]
     degree = fit.sh_degree
