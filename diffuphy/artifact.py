@@ -59,7 +59,7 @@ def describe(component: Any) -> Any:
     """Class, version and every setting (defaults included) of a component, as plain data.
 
     A field with ``metadata={"runtime": True}`` changes how, not what, is computed and is left out. For one with
-    ``metadata={"content": source}`` stand the kind and the SHA-256 of the bytes of the file ``source(value)``.
+    ``metadata={"content": source}`` stand kind and SHA-256 of the file ``source(value)``, or of each of a tuple.
     """
     if dataclasses.is_dataclass(component) and not isinstance(component, type):
         fields = [f for f in dataclasses.fields(component) if not f.metadata.get("runtime")]
@@ -72,10 +72,8 @@ def describe(component: Any) -> Any:
         return {str(k): describe(v) for k, v in component.items()}
     if isinstance(component, list | tuple):
         return [describe(v) for v in component]
-    if component is None or isinstance(component, str | int | float | bool):
-        return component
-    if isinstance(component, Path):
-        return str(component)
+    if component is None or isinstance(component, str | int | float | bool | Path):
+        return str(component) if isinstance(component, Path) else component
     raise TypeError(f"a setting must be plain data or a component, got {type(component).__qualname__}: {component!r}")
 
 
@@ -83,12 +81,16 @@ def _setting(field: dataclasses.Field, value: Any) -> Any:
     source = field.metadata.get("content")
     if source is None:
         return describe(value)
-    file = source(value).resolve()
-    at = file.stat()
-    return {"kind": file.suffix.lower(), "sha256": _file_sha256(file, at.st_size, at.st_mtime_ns, at.st_ino)}
+    found = source(value)
+    return [_content(file.resolve()) for file in found] if isinstance(found, tuple) else _content(found.resolve())
 
 
-@lru_cache(maxsize=64)
+def _content(file: Path) -> dict[str, str]:
+    seen = file.stat()
+    return {"kind": file.suffix.lower(), "sha256": _file_sha256(file, seen.st_size, seen.st_mtime_ns, seen.st_ino)}
+
+
+@lru_cache(maxsize=8192)
 def _file_sha256(file: Path, *seen: int) -> str:
     """SHA-256 of a file, found once for each state ``seen`` of it."""
     with file.open("rb") as f:
@@ -111,7 +113,7 @@ def digest(directory: Path) -> str:
     """SHA-256 of the contents of a result (names and bytes; not its scratch, not its dates)."""
     h = hashlib.sha256()
     for file in sorted(p for p in directory.iterdir() if p.is_file() and p.name != "meta.json"):
-        h.update(file.name.encode() + b"\0" + bytes.fromhex(_sha256(file.read_bytes())))
+        h.update(file.name.encode() + b"\0" + hashlib.sha256(file.read_bytes()).digest())
     return h.hexdigest()
 
 

@@ -15,6 +15,7 @@ RUN = {
     "until": str,
     "force": str | tuple[str, ...],
     "accuracy": float | None,
+    "outputs": tuple[str, ...],
     "checkpoint_seconds": float,
     "viewer": Literal["off", "on"],
 }

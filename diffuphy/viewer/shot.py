@@ -13,7 +13,7 @@ from diffuphy.geometry import rotations
 from diffuphy.mpm import State
 from diffuphy.render import Skin
 from diffuphy.render.around import Around, Scenery, with_scenery
-from diffuphy.render.clip import limit_stretch
+from diffuphy.render.kinematics import limit_stretch
 from diffuphy.render.paint import PAINTED, Measured, Mixed, Moment, Painter, onto_gaussians, painter
 from diffuphy.render.sh import C0, from_rgb
 from diffuphy.types import Gaussians, MaterialField, Particles, Trajectory
