@@ -193,6 +193,19 @@ class Bench:
         return float((x - y).norm(dim=-1).max()) / self.size
 
 
+def parts_of(library: Any, look: Look, draft: Particles) -> tuple[tuple[str, ...], Tensor]:
+    """Names of the parts of an object, and the part of each particle, shape (N,), int64.
+
+    Args:
+        library: knows the parts of an object (``text2gs.shapes.Library``); None: one part, the "object".
+    """
+    if library is None:
+        return ("object",), torch.zeros(len(draft), dtype=torch.long, device=draft.x.device)
+    shape = library.object(look)
+    points = (draft.x.cpu() - torch.tensor(draft.offset)) / draft.scale
+    return tuple(part.name for part in shape.parts), shape.part_of(points).long().to(draft.x.device)
+
+
 def table_field(
     library: object, look: Look, motion: Motion, draft: Particles, override: Mapping[str, float | None] | None = None
 ) -> MaterialField:
@@ -202,19 +215,19 @@ def table_field(
         library: knows the parts of an object (``text2gs.shapes.Library``); None: one material for the whole object.
         override: parameters that all parts take instead of the table's, by the names of ``presets.Preset`` [SI].
     """
-    whole = motion.materials.get("", next(iter(motion.materials.values())))
-    words = [whole]
-    index = torch.zeros(len(draft), dtype=torch.long)
-    if library is not None and set(motion.materials) - {""}:
-        shape = library.object(look)  # type: ignore[attr-defined]
-        words = [motion.materials.get(part.name, whole) for part in shape.parts]
-        points = (draft.x.cpu() - torch.tensor(draft.offset)) / draft.scale
-        index = shape.part_of(points).long()
+    words, index = words_of(library, look, motion, draft)
     kinds = [presets.lookup(w) for w in words]
     kinds = [presets.melt(k) for k in kinds] if motion.verb == "melting" else kinds
     given = {k: v for k, v in (override or {}).items() if v is not None}
     kinds = [dataclasses.replace(k, **given) for k in kinds]
-    return presets.field(kinds, index.to(draft.x.device), dtype=draft.x.dtype)
+    return presets.field(kinds, index, dtype=draft.x.dtype)
+
+
+def words_of(library: object, look: Look, motion: Motion, draft: Particles) -> tuple[list[str], Tensor]:
+    """Material words by the prompt, one for each part of the object, and the part of each particle, shape (N,)."""
+    whole = motion.materials.get("", next(iter(motion.materials.values())))
+    names, index = parts_of(library if set(motion.materials) - {""} else None, look, draft)
+    return [motion.materials.get(name, whole) for name in names], index
 
 
 @dataclass(frozen=True)

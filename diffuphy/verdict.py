@@ -2,6 +2,7 @@
 
 import dataclasses
 import logging
+from typing import Any
 
 from diffuphy.appearance import appearance
 from diffuphy.case import Case
@@ -9,6 +10,7 @@ from diffuphy.descent import Model
 from diffuphy.losses.sds import Weight
 from diffuphy.material.field import harden, prune, summary
 from diffuphy.material.patches import nearest
+from diffuphy.material.readout import readout
 from diffuphy.probe import TableClips
 from diffuphy.types import Gaussians, MaterialField, Particles
 
@@ -25,12 +27,12 @@ def film_field(case: Case, model: Model, gaussians: Gaussians, particles: Partic
     return pruned.field
 
 
-def verdict(case: Case, field: MaterialField, weight: Weight) -> dict[str, float]:
+def verdict(case: Case, field: MaterialField, weight: Weight) -> dict[str, Any]:
     """Loss of the hardened field of the draft particles; against the embedded prior also its held-out motion, and the
-    loss at the table itself: below it one fits discretisation."""
+    loss at the table itself: below it one fits discretisation. And what each part is made of, in words."""
     bench, cond, table = case.bench, case.cond, case.table
     pruned = prune(field)
-    numbers = {"hardened_loss": cond.score(bench.simulate(pruned.field), weight)}
+    numbers: dict[str, Any] = {"hardened_loss": cond.score(bench.simulate(pruned.field), weight)}
     if pruned.dropped:
         numbers["pruning_change"] = bench.change(field, pruned.field)
     if isinstance(getattr(cond.guidance, "references", None), TableClips):
@@ -39,4 +41,7 @@ def verdict(case: Case, field: MaterialField, weight: Weight) -> dict[str, float
         scene = faster.scene(bench.scene.dx, bench.size)
         mine, theirs = (bench.film(bench.simulate(prune(f).field, scene=scene)) for f in (field, table))
         numbers["held_out_motion"] = float(((mine - theirs) ** 2).mean())
-    return numbers | summary(field)
+    parts = [str(row) for row in readout(field, case.part, case.names)]
+    for words in parts:
+        log.info("material: %s", words)
+    return numbers | summary(field) | {"parts": parts}

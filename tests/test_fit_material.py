@@ -72,10 +72,10 @@ def test_field_covers_all_particles_and_is_one_hot():
         assert torch.equal(w.sum(1), torch.ones(len(field))) and torch.equal(w.amax(1), torch.ones(len(field)))
 
 
-def test_scan_finds_the_stiffness_of_the_reference_within_its_grid():
-    """With a grid of 3 over [3.6, 6.2] the nearest value to jelly's log10 E = 4.48 is 4.9."""
+def test_scan_finds_the_stiffness_of_the_reference_within_a_quarter_of_its_grid():
+    """3 values over [3.6, 6.2] are 1.3 apart; two halvings of the compass search leave a quarter of that."""
     field = run(stage(steps=0, stiffness=(3.5, 6.3)), material="jelly")
-    assert float(field.theta["E"].log10().mean()) == pytest.approx(4.9, abs=1e-3)
+    assert float(field.theta["E"].log10().mean()) == pytest.approx(4.477, abs=1.3 / 4)
 
 
 def test_training_moves_the_stiffness_towards_the_reference():
