@@ -36,11 +36,9 @@ HALF = 0.6
 """Half the height of the sandwich over its radius."""
 WAYS: dict[str, dict[str, Any]] = {
     "softmax": {},
-    "softmax, best of the scan alone": {"refine": 1},
     "sparsemax": {"gate": "sparsemax", "bias": 0.99},
     "start": {"gate": "start"},
     "uniform, softmax": {"stiffness_steps": 0, "start": 5.2},
-    "uniform, sparsemax": {"stiffness_steps": 0, "start": 5.2, "gate": "sparsemax", "bias": 0.99},
 }
 """Settings of the material stage by the name of the way."""
 

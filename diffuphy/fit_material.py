@@ -26,7 +26,7 @@ from diffuphy.losses.velocity import Velocity
 from diffuphy.material import Param
 from diffuphy.material.decoder import bounded, coordinate, inside
 from diffuphy.material.encoder import Points
-from diffuphy.material.field import Hypothesis, harden, prune, warm_start
+from diffuphy.material.field import Hypothesis, harden, prune, take, warm_start
 from diffuphy.material.net import MaterialNet, Net
 from diffuphy.material.presets import lookup
 from diffuphy.probe import Probe
@@ -77,7 +77,7 @@ class FitMaterial:
     regions: int = 2
     """Most regions that get hypotheses of their own; 1 when the prompt names one material."""
     segment: Segment = "parts"
-    """What makes a region: ``parts`` with words of their own in the prompt, if the library knows them; or ``colour``."""
+    """What makes a region: ``parts`` with words of their own in the prompt, if known to the library; or ``colour``."""
     scan_frames: int = 8
     """Frames of the scan's clips: impact and rebound."""
     refine: int = 3
@@ -261,7 +261,7 @@ class RegionalNet(Model):
         return self._moved(self.net(), self.labels)
 
     def at(self, points: Points, draft: Tensor) -> MaterialField:
-        return self._moved(self.net(points), self.labels[draft])
+        return self._moved(self.net(points, take(self.net.start, draft)), self.labels[draft])
 
     def _moved(self, field: MaterialField, labels: Tensor) -> MaterialField:
         gain, theta = self.settings.net.param_gain, field.theta

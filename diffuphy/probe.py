@@ -16,7 +16,8 @@ import torch
 from torch import Tensor
 
 from diffuphy.losses.takes import Take
-from diffuphy.losses.velocity import Velocity
+from diffuphy.losses.velocity import Velocity, centroid
+from diffuphy.losses.video import by_frames
 from diffuphy.material import presets
 from diffuphy.mpm import FrameReport, HalfSpace, Scene, rollout
 from diffuphy.mpm.sample import coarsen
@@ -129,7 +130,12 @@ class Bench:
         return rollout(scene, self.draft.x, self.draft.vol, field, frames=frames, **options)
 
     def velocity_loss(
-        self, velocity: Velocity, trajectory: Trajectory, field: MaterialField, reports: Sequence[FrameReport] = ()
+        self,
+        velocity: Velocity,
+        trajectory: Trajectory,
+        field: MaterialField,
+        reports: Sequence[FrameReport] = (),
+        target: Tensor | None = None,
     ) -> Tensor:
         """λ_vel · L_vel of a drop (``losses.velocity``), a scalar.
 
@@ -141,10 +147,13 @@ class Bench:
             trajectory: of ``simulate``, T frames after the initial state.
             field: the material it was simulated with.
             reports: of the T frames, with ``velocity.needs`` gathered if that is not None.
+            target: the clip that the prior has in mind, at least T frames (H, W, 3), for the form ``image``.
 
         Raises:
-            ValueError: when the form needs what was not gathered in every frame.
+            ValueError: when the form needs what was not gathered in every frame, or a clip that is not there.
         """
+        if velocity.form == "image":
+            return self._image_velocity(velocity, trajectory, target)
         m = field.rho.detach() * self.draft.vol
         needed = {}
         if velocity.needs is not None:
@@ -156,6 +165,17 @@ class Bench:
                 )
             needed[velocity.needs] = torch.stack(sums)
         return velocity(trajectory.v, m, gravity=self.scene.gravity, dt=1 / self.scene.fps, **needed)
+
+    def _image_velocity(self, velocity: Velocity, trajectory: Trajectory, target: Tensor | None) -> Tensor:
+        if target is None:
+            raise ValueError("velocity.form = 'image' compares with the prior's clip, and this prior has none in mind")
+        take = Take.whole(len(trajectory.x) - 1)
+        draw, background, frames = self.drawing(take), self.background_of(take), list(take.frames)
+        seen = by_frames(lambda x, F: centroid(draw(x, F), background), trajectory.x[frames], trajectory.F[frames])
+        wanted = torch.stack([centroid(picture, background) for picture in target[: len(frames)]])
+        centre = self.camera.viewmats[0] @ self.camera.viewmats.new_tensor([0.0, 0.0, 0.42 * self.size, 1.0])
+        pixel = float(centre[2] / self.camera.Ks[0, 0, 0])
+        return velocity.of_pictures(seen, wanted, pixel=pixel, dt=1 / self.scene.fps)
 
     def camera_of(self, take: Take) -> Camera:
         """The one camera of a take: the experiment's, turned about the vertical axis through the object."""

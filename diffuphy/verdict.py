@@ -9,7 +9,7 @@ from diffuphy.case import Case
 from diffuphy.descent import Model
 from diffuphy.losses.sds import Weight
 from diffuphy.material.field import harden, prune, summary
-from diffuphy.material.patches import nearest
+from diffuphy.material.patches import kin
 from diffuphy.material.readout import readout
 from diffuphy.probe import TableClips
 from diffuphy.types import Gaussians, MaterialField, Particles
@@ -20,8 +20,9 @@ log = logging.getLogger(__name__)
 def film_field(case: Case, model: Model, gaussians: Gaussians, particles: Particles) -> MaterialField:
     """The trained field at all particles: one-hot on experts, so that the film does not depend on the time step, and
     without the experts that nobody uses."""
-    draft = nearest(particles.x, case.bench.draft.x, 1)[1][:, 0]
-    pruned = prune(harden(model.at(appearance(gaussians, particles), draft)))
+    points = appearance(gaussians, particles)
+    draft = kin(points.x, points.color, case.points.x, case.points.color)
+    pruned = prune(harden(model.at(points, draft)))
     for name in pruned.dropped:
         log.info("material: expert %s left out of the film (largest weight %.1e)", name, pruned.peaks[name])
     return pruned.field
