@@ -68,7 +68,11 @@ def particles(components: Mapping[str, Any], motion: Motion, body: Body) -> Coun
     """Density on a lattice, and what it encloses."""
     sample = components["particles"]
     cells = math.prod(side / body.spacing(body.particles) + 8 for side in body.extent)
-    work = {"particles": 1.0, "fill.gaussian": body.gaussians, "fill.cell": cells if sample.fill != "none" else 0.0}
+    work = {
+        "particles": 1.0,
+        "fill.gaussian": body.gaussians,
+        "fill.cell": cells if sample.filling is not None else 0.0,
+    }
     return Counted(work, {"lattice": 3 * 8 * cells})
 
 

@@ -1,0 +1,5 @@
+"""``python -m benchmarks.study``."""
+
+from benchmarks.study import main
+
+raise SystemExit(main())
