@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+from numpy.polynomial.legendre import leggauss
 
 from diffuphy.appearance import appearance
 from diffuphy.geometry import log_covariances, rotations
@@ -42,7 +43,7 @@ def test_log_covariances_are_the_logarithm_of_the_covariance():
 
 
 def test_turned_gaussians_look_the_same_from_their_body():
-    """x' = R x, q' = r q: seen from the turned frame every number is the same, of Gaussians 150 times thinner than long.
+    """x' = R x, q' = r q: seen from the turned frame nothing has changed, for Gaussians 150 times thinner than long.
 
     Rounding of a quaternion, 1e-7, over logarithms of at most 14.
     """
@@ -61,10 +62,10 @@ def test_turned_gaussians_look_the_same_from_their_body():
 
 @pytest.mark.parametrize("degree", [0, 1, 3])
 def test_sheen_is_the_standard_deviation_of_the_colour_over_directions(degree):
-    """sheen² = Σ_rgb Var of Σ c Y over the sphere, by a quadrature exact to degree 6: 8 Gauss points × 16 longitudes."""
+    """sheen² = Σ_rgb Var of Σ c Y over the sphere, by a quadrature exact to degree 6 (8 × 16 points)."""
     gaussians, particles = body(degree)
-    z, w = (torch.tensor(a) for a in __import__("numpy").polynomial.legendre.leggauss(8))
-    phi = torch.arange(16) / 16 * 2 * math.pi
+    z, w = (torch.tensor(a) for a in leggauss(8))
+    phi = torch.arange(16, dtype=torch.float64) / 16 * 2 * math.pi
     z, phi, w = (a.reshape(-1) for a in (*torch.meshgrid(z, phi, indexing="ij"), (w[:, None] / 32).expand(8, 16)))
     d = torch.stack([(1 - z**2).sqrt() * phi.cos(), (1 - z**2).sqrt() * phi.sin(), z], 1)
     colour = torch.einsum("db,nbc->dnc", basis(d, degree), gaussians.sh.double())
