@@ -42,7 +42,7 @@ class Model(nn.Module):
 
         Args:
             points: what they look like.
-            draft: the draft particle nearest to each, shape (M,), int64.
+            draft: the draft particle that each belongs to (``patches.kin``), shape (M,), int64.
         """
         raise NotImplementedError
 
@@ -143,8 +143,8 @@ def descend(
     """Train a model by video score distillation; it is left at the best of the fields that were scored, unless the
     settings keep the last.
 
-    A gradient that is not finite, or a material that cannot be simulated, ends the run with the best so far; before
-    anything was scored it is an error. Killed between two steps and continued from its checkpoint, a run ends in the
+    A gradient that is not finite, or a material that cannot be simulated, ends the run with the best so far; where no
+    field had a score yet it is an error. Killed between two steps and continued from its checkpoint, a run ends in the
     same bits.
 
     Args:
@@ -153,7 +153,7 @@ def descend(
         first: number of the first step in the log.
 
     Raises:
-        FloatingPointError: the first gradient is not finite; the message names the parameter.
+        FloatingPointError: a gradient is not finite, and no field had a score; the message names the parameter.
         SimulationDiverged: the start itself cannot be simulated.
     """
     run, trainer = Run(), _Trainer(case, model, settings)
@@ -164,7 +164,7 @@ def descend(
             if run.step % settings.check == 0 and not trainer.judge(run, work):
                 break
             try:
-                scalars = trainer.step(run.step)
+                scalars = trainer.step(run.step, work)
             except (FloatingPointError, SimulationDiverged) as trouble:
                 if math.isinf(run.score):
                     raise
@@ -195,9 +195,10 @@ class _Trainer:
         self.generator = torch.Generator().manual_seed(settings.seed)
         velocity = settings.velocity
         self.velocity = velocity if velocity is not None and velocity.weight else None
+        self.target = case.cond.target() if self.velocity is not None and self.velocity.form == "image" else None
         self.gather = (self.velocity.needs,) if self.velocity is not None and self.velocity.needs else ()
 
-    def step(self, number: int) -> dict[str, float]:
+    def step(self, number: int, work: Workspace) -> dict[str, float]:
         """One step of the optimiser.
 
         Raises:
@@ -217,7 +218,7 @@ class _Trainer:
             trajectory, take, t=t, generator=self.generator, weight=s.weight, estimator=s.estimator
         )
         if self.velocity is not None:
-            loss = loss + case.bench.velocity_loss(self.velocity, trajectory, field, reports)
+            loss = loss + case.bench.velocity_loss(self.velocity, trajectory, field, reports, self.target)
         if (penalty := self.model.penalty(field)) is not None:
             loss = loss + penalty
         self.optimiser.zero_grad()
@@ -225,6 +226,7 @@ class _Trainer:
         self._check()
         norm = torch.nn.utils.clip_grad_norm_([p for g in self.optimiser.param_groups for p in g["params"]], s.clip)
         self.optimiser.step()
+        work.show("material", number + 1, s.steps, lambda: (case.bench.skin, trajectory))
         return {"loss": distilled.item(), "total": loss.item(), "grad": norm.item(), **summary(field)}
 
     def _check(self) -> None:

@@ -11,12 +11,12 @@ import dataclasses
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, get_args
 
 import torch
 from torch import Tensor
 
-from diffuphy.case import Case, parameters
+from diffuphy.case import Case, Segment, parameters
 from diffuphy.descent import Descent, Model, descend
 from diffuphy.losses.estimators import SDS, Estimator
 from diffuphy.losses.regularize import spread
@@ -26,7 +26,7 @@ from diffuphy.losses.velocity import Velocity
 from diffuphy.material import Param
 from diffuphy.material.decoder import bounded, coordinate, inside
 from diffuphy.material.encoder import Points
-from diffuphy.material.field import Hypothesis, harden, prune, warm_start
+from diffuphy.material.field import Hypothesis, harden, prune, take, warm_start
 from diffuphy.material.net import MaterialNet, Net
 from diffuphy.material.presets import lookup
 from diffuphy.probe import Probe
@@ -75,7 +75,9 @@ class FitMaterial:
     """Parameters to learn, by their names in the field; the others stay at the table's. A short drop shows stiffness;
     what else it shows depends on the material: ν, yield_stress, friction_angle, viscosity."""
     regions: int = 2
-    """Most regions, by colour, that get hypotheses of their own; 1 when the prompt names one material."""
+    """Most regions that get hypotheses of their own; 1 when the prompt names one material."""
+    segment: Segment = "parts"
+    """What makes a region: ``parts`` with words of their own in the prompt, if known to the library; or ``colour``."""
     scan_frames: int = 8
     """Frames of the scan's clips: impact and rebound."""
     refine: int = 3
@@ -114,6 +116,8 @@ class FitMaterial:
                 "material.steps, stiffness_steps and refine_steps must be ≥ 0 and regions and refine ≥ 1, got "
                 f"{self.steps}, {self.stiffness_steps}, {self.refine_steps}, {self.regions} and {self.refine}"
             )
+        if self.segment not in get_args(Segment):
+            raise ValueError(f"material.segment must be one of {get_args(Segment)}, got {self.segment!r}")
         if not self.learn:
             raise ValueError("material.learn must name a parameter; material.steps=0 leaves the training out")
         self._check_override()
@@ -156,6 +160,7 @@ class FitMaterial:
         return Case.make(
             self.probe, self.guidance, self.library, look, motion, gaussians, particles,
             elastic=self.elastic, plastic=self.plastic, override=self.override, regions=self.regions,
+            segment=self.segment,
         )  # fmt: skip
 
     def fit(self, case: Case, work: Workspace) -> "RegionalNet":
@@ -256,7 +261,7 @@ class RegionalNet(Model):
         return self._moved(self.net(), self.labels)
 
     def at(self, points: Points, draft: Tensor) -> MaterialField:
-        return self._moved(self.net(points), self.labels[draft])
+        return self._moved(self.net(points, take(self.net.start, draft)), self.labels[draft])
 
     def _moved(self, field: MaterialField, labels: Tensor) -> MaterialField:
         gain, theta = self.settings.net.param_gain, field.theta

@@ -23,9 +23,9 @@ MAY_IMPORT = {
     "losses": {"types", "models"},
     "metrics": {"types", "models"},
     "material": {"types", "compiling"},
-    "render": {"types", "workspace", "geometry", "compiling"},
+    "render": {"types", "workspace", "geometry", "compiling", "material"},
     "mpm": {"types", "workspace", "geometry", "compiling", "material"},
-    "physgaussian": {"material", "mpm"},
+    "physgaussian": {"material", "mpm", "render", "text2gs"},
     "convert": {"physgaussian"},
     "text2gs": {"types", "workspace", "geometry", "compiling", "render", "losses", "models"},
     "appearance": {"types", "geometry", "render", "material"},
@@ -65,15 +65,20 @@ MAY_IMPORT = {
     "accuracy": {"types", "material"},
     "cost": {"types", "material", "mpm", "scan"},
     "plan": {"types", "artifact", "material", "accuracy", "cost"},
-    "pipeline": {"types", "artifact", "plan", "metrics"},
+    "pipeline": {"types", "artifact", "plan", "metrics", "render"},
     "judgement": {"types", "artifact", "render"},
     "scorecard": {"artifact", "render", "metrics"},
-    "export": {"types", "artifact", "plan", "render", "judgement", "scorecard"},
+    "formats": {"types", "render", "geometry"},
+    "deliverables": {"types", "artifact", "plan", "render", "judgement", "scorecard", "formats"},
+    "export": {"formats"},
     "explain": set(),
     "settings": set(),
-    "cli": {"quoting", "explain", "settings", "artifact", "pipeline", "export", "judgement", "scorecard"},
-    "doctor": {"models", "compiling", "cli"},
-    "__init__": set(),
+    "making": {"quoting", "settings", "artifact", "plan", "pipeline", "deliverables", "formats", "viewer"},
+    "cli": {"quoting", "explain", "making", "artifact", "judgement", "scorecard"},
+    "doctor": {"models", "compiling", "making"},
+    "viewer": {"types", "workspace", "geometry", "formats", "material", "mpm", "render", "accuracy"}
+    | {"explain", "making"},
+    "__init__": {"making"},
     "__main__": {"cli"},
 }
 """``artifact`` and ``losses`` know no physics, ``material`` knows no simulation, and ``pipeline`` knows no stage: they
@@ -92,8 +97,8 @@ HEAVY = {
     "torchmetrics": ("metrics/",),
     "torchvision": ("losses/", "metrics/"),
     "transformers": ("losses/guidance/", "metrics/", "text2gs/refine/"),
-    "trimesh": ("text2gs/",),
-    "viser": ("render/",),
+    "trimesh": ("text2gs/", "formats/"),
+    "viser": ("formats/", "viewer/"),
 }
 """Packages that cost seconds or are optional: imported inside functions, and only in these places."""
 

@@ -15,6 +15,8 @@ def experts(material: Any, motion: Motion) -> tuple[tuple[str, ...], tuple[str, 
     are its own affair."""
     if hasattr(material, "experts"):
         return material.experts(motion)
+    if hasattr(material, "words"):
+        return material.elastic, material.plastic, f"what the labels are made of: {', '.join(material.words)}"
     words = sorted(set(motion.materials.values()))
     elastic, plastic = candidates(words, melting=motion.verb == "melting")
     chosen = (tuple(material.elastic) or elastic, tuple(material.plastic) or plastic)
