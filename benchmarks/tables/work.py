@@ -18,9 +18,9 @@ from benchmarks.tables.protocol import Task
 from benchmarks.tables.reference import error
 from diffuphy import pipeline
 from diffuphy.artifact import SCRATCH, Done, Stage, Store
-from diffuphy.cli import conf_dir, make, slug
+from diffuphy.deliverables import export
 from diffuphy.evaluate import world
-from diffuphy.export import export
+from diffuphy.making import conf_dir, make, slug
 from diffuphy.metrics.book import Book
 from diffuphy.metrics.score import Scores
 from diffuphy.probe import table_field
@@ -80,7 +80,9 @@ def _one(task: Task, name: str, size: str, store: Store, films: Path | None) -> 
     row |= {"megabytes": material.megabytes, "device_megabytes": device_memory} | _summary(material.path)
     if films is not None:
         folder = films / slug(task.prompt, name, str(task.seed))
-        row["film"] = str(export(folder, done, plan, title=task.prompt, settings=OmegaConf.to_yaml(cfg))["film"])
+        text = OmegaConf.to_yaml(cfg, resolve=False)
+        files = export(folder, done, plan, title=task.prompt, settings=text, outputs=["mp4"])
+        row["film"] = str(files["film"])
         row |= {s.name: s.value for s in Scores.load(at["evaluate"]).scores}
     return row
 
