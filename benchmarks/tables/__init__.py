@@ -6,16 +6,17 @@
     python -m benchmarks tables prompt                       # fuzzy sentences with and without refinement
     python -m benchmarks tables quantitative --pages         # the page again, from the rows that are there
 
-Runs go through the stages of ``train.py`` and its store: what is there is not computed again, also when it comes from a
-sweep, ``python train.py -m method='glob(*)' seed=0,1,2 experiment=table report.error=off until=trajectory prompt=...``
-with any launcher. Writes NAME.csv, NAME.md and NAME.png. docs/methods.md says what the methods are.
+Rows are added to those of earlier runs. Runs go through the stages of ``train.py`` and its store: what is there is not
+computed again, also when it comes from a sweep with any launcher, ``python train.py -m method='glob(*)' seed=0,1,2
+experiment=table report.error=off until=trajectory prompt=...``. Writes NAME.csv, NAME.md and NAME.png. docs/methods.md
+says what the methods are.
 """
 
 import argparse
 import csv
 import multiprocessing
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
@@ -41,20 +42,16 @@ TITLES = {
 }
 
 
-def rows_of(jobs: Sequence[Task], processes: int, **settings: Any) -> list[dict[str, Any]]:
-    """All rows, by prompt, seed and variant; objects are shared out over processes, the runs of one stay together."""
+def rows_of(jobs: Sequence[Task], processes: int, **settings: Any) -> Iterator[list[dict[str, Any]]]:
+    """The rows of one object after the other, as they are done; objects are shared out over processes."""
     from benchmarks.tables.work import run
 
-    found: dict[int, list[dict[str, Any]]] = {}
     if processes == 1:
-        found = {k: run(task, **settings) for k, task in enumerate(jobs)}
-    else:
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(processes, mp_context=context) as pool:
-            waiting = {pool.submit(run, task, **settings): k for k, task in enumerate(jobs)}
-            for done in as_completed(waiting):
-                found[waiting[done]] = done.result()
-    return [row for k in sorted(found) for row in found[k]]
+        yield from (run(task, **settings) for task in jobs)
+        return
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(processes, mp_context=context) as pool:
+        yield from (done.result() for done in as_completed([pool.submit(run, task, **settings) for task in jobs]))
 
 
 def text(name: str, rows: Sequence[gather.Row], said: str) -> str:
@@ -101,6 +98,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--films", action="store_true", help="make and score the films, and list them for a user study")
     parser.add_argument("--pages", action="store_true", help="run nothing; write the page of the rows that are there")
+    parser.add_argument("--fresh", action="store_true", help="forget the rows that are there; else they are kept")
     parser.add_argument("--store", type=Path, default=ROOT / "outputs")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "benchmarks" / "tables")
     options = parser.parse_args(arguments)
@@ -110,15 +108,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     variants = {n: v for n, v in variants.items() if n in (options.methods or variants)}
     options.out.mkdir(parents=True, exist_ok=True)
     rows_file = options.out / f"{options.table}.csv"
-    if options.pages:
-        rows = gather.read(rows_file)
-    else:
-        films = options.out / "films" if options.films else None
-        rows = rows_of(
-            tasks(options.prompts or prompts, options.seeds, variants, meant), options.jobs,
-            size=options.size, store=options.store.resolve(), device=options.device, films=films,
-        )  # fmt: skip
+    rows: Sequence[gather.Row] = gather.read(rows_file) if rows_file.exists() and not options.fresh else []
+    jobs = [] if options.pages else tasks(options.prompts or prompts, options.seeds, variants, meant)
+    films = options.out / "films" if options.films else None
+    its = {"size": options.size, "store": options.store.resolve(), "device": options.device, "films": films}
+    for found in rows_of(jobs, options.jobs, **its):
+        rows = gather.merged(rows, found)
         gather.write(rows, rows_file)
+    if not rows:
+        parser.error(f"there are no rows in {rows_file} yet; run without --pages")
     said = f"`python -m benchmarks tables {options.table} --size {options.size}`; {machine(options.device)}."
     (options.out / f"{options.table}.md").write_text(text(options.table, rows, said), encoding="utf-8")
     page.figure(rows, options.out / f"{options.table}.png")

@@ -38,6 +38,8 @@ class Mean:
         if not self.count:
             return "diverged" if self.failed else "–"
         value, s = scale * self.value, scale * self.spread
+        if 0 < abs(value) < 1e-3:
+            return f"{value:.{digits - 1}e}" + (f" ± {s:.0e}" if self.count > 1 else "")
         places = 0 if value == 0 else max(0, digits - 1 - math.floor(math.log10(abs(value))))
         spread = f" ± {s:.{places}f}" if self.count > 1 else ""
         return f"{value:.{places}f}{spread}" + (f" ({self.failed} diverged)" if self.failed else "")
@@ -69,6 +71,13 @@ def ahead(ours: Mean, theirs: Mean) -> int:
     spread = math.hypot(*(0.0 if math.isnan(m.spread) else m.spread for m in (ours, theirs)))
     gap = theirs.value - ours.value
     return 0 if abs(gap) <= spread else int(math.copysign(1, gap))
+
+
+def merged(old: Sequence[Row], new: Sequence[Row]) -> list[Row]:
+    """Old rows, those of the same prompt, variant and seed replaced by new ones; prompts stay together."""
+    found = {(r["prompt"], r["variant"], r["seed"]): r for r in (*old, *new)}
+    prompts, variants = (list(dict.fromkeys(k[i] for k in found)) for i in (0, 1))
+    return [found[k] for k in sorted(found, key=lambda k: (prompts.index(k[0]), k[2], variants.index(k[1])))]
 
 
 def write(rows: Sequence[Row], path: Path) -> None:

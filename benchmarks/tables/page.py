@@ -117,13 +117,14 @@ def figure(rows: Sequence[Row], path: Path, metric: str = "error", label: str = 
         sheet.text(at(t), bottom + 12, f"{t:g}", anchor="mm", size=11)
     sheet.text(left + width / 2, bottom + 32, label, anchor="mm")
     for i, prompt in enumerate(prompts):
-        sheet.text(left - 12, top + band * i + band / 2 - 5, prompt, anchor="rm", size=11)
+        sheet.text(left - 12, top + band * i + band / 2 - 9, prompt, anchor="rm", size=11)
+        sheet.line([(left - 250, top + band * i - 10), (left + width, top + band * i - 10)], PALE, 1.0)
         for j, variant in enumerate(variants):
             _dot(sheet, found.get((variant, prompt)), at, top + band * i + step * j, LINES[j % len(LINES)])
     for j, variant in enumerate(variants):
         x = left - 250 + j * (width + 260) / len(variants)
-        sheet.box(x, 12, 10, 10, LINES[j % len(LINES)], None)
-        sheet.text(x + 15, 17, variant, size=11, color=INK)
+        sheet.box(x, 7, 10, 10, LINES[j % len(LINES)], None)
+        sheet.text(x + 15, 12, variant, size=11, color=INK)
     sheet.image.save(path)
 
 

@@ -59,7 +59,7 @@ class OmniPhysGS(Rival):
 
         w = onehot(argmax z) + softmax(z) − stop(softmax(z)),   z of the nearest group's token
 
-    Lin et al., OmniPhysGS (2025), §3.2–3.3, and its published program and settings: the tokens see no other group, the
+    Lin et al., OmniPhysGS (2025), and its published program and settings: the tokens see no other group, the
     choice has neither noise nor temperature, and the constants are the same for every object.
 
     What differs: its "StVK" is neither symmetric nor objective, its place is taken by Neo-Hookean; features are not

@@ -44,7 +44,7 @@ class OneClip(Conditions):
 
         L = 0.1 · ½ mean (z − z*)² + 0.9 · (1 − SSIM(z, z*))
 
-    Zhang et al., PhysDreamer (2024), §4.3, with the weights of its published program, in z ∈ [0, 1] where the latents
+    Zhang et al., PhysDreamer (2024), with the weights of its published program, in z ∈ [0, 1] where the latents
     are pictures; SSIM means nothing in the latents of a network, there the first term stands alone.
     """
 
@@ -129,7 +129,7 @@ class Triplane(Model):
 class PhysDreamer(Rival):
     """A field of Young's modulus by the pixels of one clip; elastic, nothing else.
 
-    Zhang et al., PhysDreamer (2024), §4; sizes and weights of its published program.
+    Zhang et al., PhysDreamer (2024); sizes and weights of its published program (``train_material.py``).
 
     What differs: E moves in its logarithm and within this engine's range, there by steps of 1 kPa in a range of five
     decades; the gradient reaches through the whole clip, there through one frame; the clip begins as the experiment

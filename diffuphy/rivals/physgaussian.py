@@ -40,7 +40,7 @@ UNSET: Mapping[str, float] = {"hardening": 0, "xi": 0.0}
 class PhysGaussian:
     """One constant material for the whole object; nothing is learnt.
 
-    Xie et al., PhysGaussian (2024). The paper that is compared here takes it with parameters that the user defines.
+    Xie et al., PhysGaussian (2024), "based on user-defined parameters", as DiffuPhyGS (2025), §4.1, compares with it.
     What a user knows is the kind of matter; the numbers are those of the scene that was published for it.
     """
 

@@ -20,7 +20,8 @@ class Physics3D(DreamPhysics):
 
         τ = τ_FCR(E, ν) + τ_N(E_N, ν, t_N)
 
-    Liu et al., Physics3D (2024), moved as its published program does, which is DreamPhysics'.
+    Liu et al., Physics3D (2024), moved as its published program does (``simulation.py``), which is DreamPhysics'
+    way.
 
     What differs: the program has two moduli μ_N, λ_N and one viscosity of the branch, here the branch shares ν and its
     bulk stays stiff (``material.branch``); its stress there has U Vᵀ where U Uᵀ is meant. A step of ν is a tenth of its

@@ -117,6 +117,13 @@ def test_rows_survive_their_file(tmp_path):
     assert gather.read(tmp_path / "rows.csv") == rows
 
 
+def test_new_rows_replace_those_of_the_same_run_and_keep_the_others():
+    again = {"prompt": "a", "variant": "other", "seed": 1, "error": 9.0}
+    found = gather.merged(ROWS, [again])
+    assert len(found) == len(ROWS) and again in found
+    assert all(r in found for r in ROWS if (r["prompt"], r["variant"], r["seed"]) != ("a", "other", 1))
+
+
 def test_page_has_means_spreads_and_the_best_in_bold(tmp_path):
     said = text("quantitative", ROWS, "a command")
     assert "| b | **11 ± 1** | 51 ± 1 |" in said
