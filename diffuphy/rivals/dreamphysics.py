@@ -18,8 +18,8 @@ from diffuphy.types import MaterialField, Motion
 class DreamPhysics(Rival):
     """Young's modulus of each particle by video SDS; the law is the user's.
 
-    Huang et al., DreamPhysics (2024), with the update of its published program (``ms_simulation.py``): the gradient is that of the last
-    substep before each frame, is stretched over [−½, ½] and added to log10 E (``particles.MinMax``).
+    Huang et al., DreamPhysics (2024), with the update of its published program (``ms_simulation.py``): the gradient is
+    that of the last substep before each frame, is stretched over [−½, ½] and taken from log10 E (``particles.MinMax``).
 
     What differs: the program keeps one buffer for all substeps, so that its gradient is taken at the state of the last
     frame; here each is taken at its own. It simulates nine frames between two that are drawn, in 50 steps.

@@ -23,9 +23,9 @@ class Physics3D(DreamPhysics):
     Liu et al., Physics3D (2024), moved as its published program does (``simulation.py``), which is DreamPhysics'
     way.
 
-    What differs: the program has two moduli μ_N, λ_N and one viscosity of the branch, here the branch shares ν and its
-    bulk stays stiff (``material.branch``); its stress there has U Vᵀ where U Uᵀ is meant. A step of ν is a tenth of its
-    range.
+    What differs: the program moves E and, of the branch, two moduli μ_N, λ_N and a viscosity; here the branch shares ν,
+    which stands for their ratio and moves within its range as the others within a decade, and its bulk stays stiff
+    (``material.branch``). The program's stress of the branch has U Vᵀ where U Uᵀ is meant.
     """
 
     NAME = "Physics3D"
