@@ -119,7 +119,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"there are no rows in {rows_file} yet; run without --pages")
     said = f"`python -m benchmarks tables {options.table} --size {options.size}`; {machine(options.device)}."
     (options.out / f"{options.table}.md").write_text(text(options.table, rows, said), encoding="utf-8")
-    page.figure(rows, options.out / f"{options.table}.png")
+    shown = ("cpu_seconds", "processor time of the material [s]") if options.table == "efficiency" else ()
+    page.figure(rows, options.out / f"{options.table}.png", *shown)
     if any("film" in r for r in rows):
         list_films(rows, options.out / "films.csv")
     print(text(options.table, rows, said))

@@ -52,13 +52,16 @@ def cells(rows: Sequence[Row], metric: str) -> dict[tuple[str, str], Mean]:
 
 
 def across(rows: Sequence[Row], metric: str, variant: str) -> Mean:
-    """Mean over prompts and seeds of one variant; its spread is that of the seeds' means over prompts."""
+    """Mean over prompts of one variant, and the deviation that seeds give it.
+
+    x̄ = Σ_p x̄_p / P,   s = √Σ_p s_p² / P
+    """
     own = [r for r in rows if r["variant"] == variant]
-    failed = sum("why" in r for r in own)
-    each = [Mean.of((r for r in own if r["seed"] == s), metric) for s in dict.fromkeys(r["seed"] for r in own)]
-    values = [m.value for m in each if m.count]
-    spread = statistics.stdev(values) if len(values) > 1 else math.nan
-    return Mean(statistics.fmean(values) if values else math.nan, spread, len(values), failed)
+    each = [m for m in cells(own, metric).values() if m.count]
+    spreads = [m.spread for m in each if m.count > 1]
+    value = statistics.fmean(m.value for m in each) if each else math.nan
+    spread = math.hypot(*spreads) / len(spreads) if spreads else math.nan
+    return Mean(value, spread, max((m.count for m in each), default=0), sum("why" in r for r in own))
 
 
 def ahead(ours: Mean, theirs: Mean) -> int:

@@ -49,14 +49,15 @@ def by_prompt(rows: Sequence[Row], metric: str = "error", scale: float = 100) ->
 
 
 def lead(rows: Sequence[Row], ours: str = OURS, metric: str = "error") -> str:
-    """Prompts at which ours is ahead, behind, or neither by more than the spread."""
+    """Prompts, of those with several seeds, at which ours is ahead, behind, or neither by more than the spread."""
     found, prompts = cells(rows, metric), names(rows, "prompt")
     lines = []
     for rival in names(rows, "variant"):
         if rival == ours:
             continue
-        signs = [ahead(found[ours, p], found[rival, p]) for p in prompts if (rival, p) in found and (ours, p) in found]
-        behind = [p for p, s in zip(prompts, signs, strict=False) if s < 0]
+        pairs = {p: (found[ours, p], found[rival, p]) for p in prompts if {(ours, p), (rival, p)} <= set(found)}
+        seen = {p: ahead(*pair) for p, pair in pairs.items() if min(m.count + m.failed for m in pair) > 1}
+        signs, behind = list(seen.values()), [p for p, sign in seen.items() if sign < 0]
         lines.append([rival, *(str(signs.count(s)) for s in (1, 0, -1)), "; ".join(behind) or "–"])
     return table([f"{ours} against", "ahead", "neither", "behind", "behind at"], lines)
 
