@@ -1,6 +1,7 @@
 """The material stage: scan, train through the whole gradient path, harden; resumable to the last bit."""
 
 import dataclasses
+from typing import Any
 
 import pytest
 import torch
@@ -13,6 +14,7 @@ from diffuphy.losses.takes import Take, Takes
 from diffuphy.losses.velocity import Velocity
 from diffuphy.material.net import Net
 from diffuphy.probe import Probe, TableClips
+from diffuphy.scan import region_values
 from diffuphy.types import Gaussians, Look, Motion, Particles
 from diffuphy.workspace import Workspace
 
@@ -86,22 +88,44 @@ def test_training_moves_the_stiffness_towards_the_reference():
         assert abs(float(field.theta["E"].log10().mean()) - truth) < 0.9 * 0.6
 
 
-@pytest.mark.parametrize("takes", [Takes(), Takes("window", count=3, views=4, background="random")])
-def test_interrupted_training_continues_to_the_same_bits(tmp_path, takes):
-    whole = run(stage(steps=4, plastic=("identity", "von_mises"), takes=takes))
-    component = stage(steps=4, plastic=("identity", "von_mises"), takes=takes)
+WHOLE: dict[str, Any] = {}
+"""Fields of uninterrupted runs."""
+LONG = {"steps": 4, "refine": 2, "refine_steps": 1, "stiffness_steps": 2, "plastic": ("identity", "von_mises")}
 
-    class Stop(Workspace):
-        def due(self):
-            return True
 
-        def save(self, state):
-            super().save(state)
-            if state["step"] == 2:
-                raise KeyboardInterrupt
+class Kill(Workspace):
+    """Saves whenever it may, and ends the run at a save of a kind."""
 
+    def __init__(self, directory, phase, count):
+        super().__init__(directory, progress=False)
+        self.phase, self.left = phase, count
+
+    def due(self):
+        return True
+
+    def save(self, state):
+        super().save(state)
+        phase = "scan" if "scores" in state else f"{'run' if 'run' in state else 'between'} {len(state['tried'])}"
+        self.left -= phase == self.phase
+        if self.left == 0:
+            raise KeyboardInterrupt
+
+
+SOME = Takes("window", count=3, views=4, background="random")
+
+
+@pytest.mark.parametrize(
+    ("takes", "phase", "count"),
+    [(Takes(), "scan", 2), (Takes(), "run 1", 1), (Takes(), "between 1", 1), (Takes(), "run 2", 3), (SOME, "run 2", 2)],
+)
+def test_interrupted_training_continues_to_the_same_bits(tmp_path, takes, phase, count):
+    """Killed in the scan, in a refinement, between two of them, between two steps of the training: the same field."""
+    component = stage(takes=takes, **LONG)
+    if takes.frames not in WHOLE:
+        WHOLE[takes.frames] = run(component)
+    whole = WHOLE[takes.frames]
     with pytest.raises(KeyboardInterrupt):
-        run(component, work=Stop(tmp_path, progress=False))
+        run(component, work=Kill(tmp_path, phase, count))
     resumed = run(component, work=Workspace(tmp_path, progress=False))
     for name in whole.theta:
         assert torch.equal(whole.theta[name], resumed.theta[name])
@@ -110,26 +134,15 @@ def test_interrupted_training_continues_to_the_same_bits(tmp_path, takes):
 
 def test_gradient_reaches_every_weight_of_the_network():
     """Pixels → Gaussians → trajectory → MPM adjoint → decoder → encoder: no parameter is cut off."""
-    from diffuphy.material.field import Hypothesis, warm_start
-    from diffuphy.scan import Conditions, region_values
-
     gaussians, particles = ball()
-    motion = Motion("falling", "x", {"": "rubber"}, 0.4)
     component = stage(plastic=("identity", "von_mises"))
-    bench = PROBE.bench(gaussians, particles, 0.4)
-    table = component._table(LOOK, motion, bench)
-    labels = torch.zeros(len(bench.draft), dtype=torch.long)
-    (region,) = region_values(table, labels)
-    start = warm_start(
-        ("neo_hookean",),
-        ("identity", "von_mises"),
-        labels,
-        [Hypothesis(None, None, region["theta"] | {"E": 1e5}, region["rho"])],
-    )
-    net = NET.build(appearance(gaussians, bench.draft), start, [component._param_E()])
+    case = component.case(LOOK, Motion("falling", "x", {"": "rubber"}, 0.4), gaussians, particles)
+    (region,) = region_values(case.table, case.labels)
+    start = {"elastic": None, "plastic": None, "theta": region["theta"] | {"E": 1e5}, "rho": region["rho"]}
+    model, bench, cond = component.model(case, [start]), case.bench, case.cond
+    net = model.net
     torch.nn.init.normal_(net.decoder.head[-1].weight, std=1e-3)  # the zero head would stop the gradient behind it
-    cond = Conditions(component._guidance(LOOK, motion, gaussians, particles), motion, bench)
-    drop = bench.simulate(component._field(net, torch.zeros(1), labels), 4, gate_time=1 / 30)
+    drop = bench.simulate(model(), 4, gate_time=1 / 30)
     loss = cond.distil(drop, Take.whole(4), t=0.5, generator=torch.Generator().manual_seed(1), weight="x0")
     ours = torch.autograd.grad(loss, list(net.parameters()), retain_graph=True)
     assert all(float(g.abs().max()) > 0 for g in ours)
@@ -162,7 +175,8 @@ def test_only_what_a_take_shows_is_simulated_and_drawn(monkeypatch):
 
     monkeypatch.setattr(probe.Bench, "simulate", watched)
     monkeypatch.setattr(probe, "render_gaussians", counted)
-    monkeypatch.setattr(FitMaterial, "_verdict", lambda *_: None)
+    monkeypatch.setattr("diffuphy.fit_material.verdict", lambda *_: {})
+    monkeypatch.setattr("diffuphy.descent._Trainer.judge", lambda *_: True)
     run(stage(stiffness_steps=0, curriculum=(5,), steps=3, takes=Takes("consecutive", count=2)))
     assert simulated == [2, 4, 5] and drawn == [4, 4, 4]
 
@@ -173,15 +187,16 @@ def test_every_velocity_loss_runs_and_its_value_is_finite(form):
     assert bool(torch.isfinite(field.theta["E"]).all())
 
 
+def made(component):
+    return component.case(LOOK, Motion("falling", "x", {"": "rubber"}, 0.4), *ball())
+
+
 def test_reference_clips_are_another_draw_of_particles():
-    gaussians, particles = ball()
-    motion = Motion("falling", "x", {"": "rubber"}, 0.4)
-    guidance = stage()._guidance(LOOK, motion, gaussians, particles)
-    assert isinstance(guidance.references, TableClips)
-    mine = PROBE.bench(gaussians, particles, 0.4)
-    assert guidance.references.bench.draft.x.shape != mine.draft.x.shape or not torch.equal(
-        guidance.references.bench.draft.x, mine.draft.x
-    )
+    case = made(stage())
+    theirs = case.cond.guidance.references
+    assert isinstance(theirs, TableClips)
+    mine = case.bench.draft.x
+    assert theirs.bench.draft.x.shape != mine.shape or not torch.equal(theirs.bench.draft.x, mine)
 
 
 def test_a_real_prior_keeps_its_own_references():
@@ -189,7 +204,7 @@ def test_a_real_prior_keeps_its_own_references():
         layout = "clip"
 
     component = dataclasses.replace(stage(), guidance=Film())
-    assert component._guidance(LOOK, Motion("falling", "x", {"": "rubber"}), *ball()) is component.guidance
+    assert made(component).cond.guidance is component.guidance
 
 
 def test_table_needs_its_expert_among_the_candidates():

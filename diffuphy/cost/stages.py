@@ -130,9 +130,14 @@ def material(components: Mapping[str, Any], motion: Motion, body: Body) -> Count
     work += [drop.clip(probe.frames, own, body.wave())] * length
     trained = Laws.of(fit.elastic, fit.plastic)
     wave = body.wave(fitted(fit, body, regions, 0.5))
-    for frames, count in _curriculum(fit):
+    for frames, count in _curriculum(fit, few := _refined(fit, regions)):
         work.append(times(count, drop.clip(frames, trained, wave, back=True)))
-    work.append(times(fit.steps, {"train": 1.0, "train.flop": flops(fit.net, n, len(fit.elastic) + len(fit.plastic))}))
+    steps, scores = (
+        fit.steps + few * fit.refine_steps,
+        _scores(fit.descent()) + few * _scores(fit.descent(fit.refine_steps)),
+    )
+    work += [times(scores, drop.clip(probe.frames, own, wave))]
+    work.append(times(steps, {"train": 1.0, "train.flop": flops(fit.net, n, len(fit.elastic) + len(fit.plastic))}))
     states = drop.bytes(probe.frames, trained, wave) if fit.steps else 0.0
     shown = fit.takes.shown(probe.frames)
     # one frame's graph at a time; of all of them the rows they are drawn from, latents, noise, and gradients of these
@@ -214,9 +219,21 @@ class _Drop:
         return frames * (self.rounds(frames, wave) / frames + 1) * self.n * rollouts.row_bytes(laws, False)
 
 
-def _curriculum(fit: Any) -> Iterable[tuple[int, int]]:
+def _refined(fit: Any, regions: int) -> int:
+    """Choices of laws that are refined before one of them is trained."""
+    few = min(fit.refine, len(fit.plastic) ** regions) if fit.steps and fit.stiffness_steps and fit.refine_steps else 1
+    return few if few > 1 else 0
+
+
+def _scores(descent: Any) -> int:
+    """Scores of a hardened field in a descent."""
+    return descent.steps // descent.check + 1 + bool(descent.steps % descent.check) if descent.steps else 0
+
+
+def _curriculum(fit: Any, few: int) -> Iterable[tuple[int, int]]:
     """Lengths of the training clips [frames], and how many there are of each."""
-    lengths = [fit._frames(step) for step in range(fit.steps)]
+    descent, frames = fit.descent(), fit.probe.frames
+    lengths = [descent.shown(step, frames) for step in range(fit.steps)] + [frames] * few * fit.refine_steps
     return [(frames, lengths.count(frames)) for frames in sorted(set(lengths))]
 
 

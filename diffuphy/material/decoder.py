@@ -97,6 +97,12 @@ def inside(params: Sequence[Bounds], theta: Mapping[str, Tensor]) -> dict[str, T
     return moved
 
 
+def coordinate(p: Bounds, value: Tensor) -> Tensor:
+    """A parameter on a scale where equal steps mean equally much: log10 of a logarithmic one, the others over their
+    range."""
+    return value.log10() if p.log else (value - p.lo) / (p.hi - p.lo)
+
+
 def _ends(p: Bounds) -> tuple[float, float]:
     return (math.log(p.lo), math.log(p.hi)) if p.log else (p.lo, p.hi)
 

@@ -28,6 +28,11 @@ class Points:
     def __len__(self) -> int:
         return self.x.shape[0]
 
+    @property
+    def color(self) -> Tensor:
+        """rgb in [0, 1], shape (N, 3)."""
+        return self.f[:, 7:10]
+
 
 def features(x: Tensor, colors: Tensor, opacities: Tensor, cov: Tensor) -> Points:
     """Points from what is known of their Gaussians.
