@@ -26,7 +26,7 @@ from diffuphy.losses.velocity import Velocity
 from diffuphy.material import Param
 from diffuphy.material.decoder import bounded, coordinate, inside
 from diffuphy.material.encoder import Points
-from diffuphy.material.field import Hypothesis, harden, warm_start
+from diffuphy.material.field import Hypothesis, harden, prune, warm_start
 from diffuphy.material.net import MaterialNet, Net
 from diffuphy.material.presets import lookup
 from diffuphy.probe import Probe
@@ -216,6 +216,8 @@ class FitMaterial:
         learn, table = self._learnt(case), case.table
         begin = warm_start(table.elastic, table.plastic, case.labels, [Hypothesis(**h) for h in start])
         begin = dataclasses.replace(begin, theta=inside(learn, begin.theta))
+        if self.net.gate == "start":
+            begin = prune(begin).field
         return RegionalNet(self.net.build(case.points, begin, learn), case.labels, self)
 
     def _learnt(self, case: Case) -> list[Param]:

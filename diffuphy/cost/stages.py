@@ -12,6 +12,7 @@ from diffuphy.cost import rollouts
 from diffuphy.cost.body import Body
 from diffuphy.cost.rollouts import Laws, Work, add, times
 from diffuphy.cost.substeps import rounds
+from diffuphy.material.encoder import N_FEATURES
 from diffuphy.mpm.rollout import MAX_THREADS, THREADED
 from diffuphy.mpm.solver import segment_of
 from diffuphy.scan import THREADS as SCAN_THREADS
@@ -282,8 +283,8 @@ def fitted(fit: Any, body: Body, regions: int, share: float) -> list[float | Non
 
 def flops(net: Any, particles: float, experts: int) -> float:
     """Multiplications of the material network for so many particles."""
-    w, tokens = net.width, net.groups
-    encoder = tokens * net.group_size * (13 * w + w * w) + net.depth * tokens * (12 * w * w + 2 * tokens * w)
+    w, tokens, seen = net.width, net.groups, 3 + N_FEATURES
+    encoder = tokens * net.group_size * (seen * w + w * w) + net.depth * tokens * (12 * w * w + 2 * tokens * w)
     return encoder + particles * (3 * w * w + w * (experts + 1))
 
 
