@@ -26,6 +26,10 @@ UNSEEN = 1.0
 """Standard error from which a combination of parameters is not seen: a decade, or a whole range."""
 
 
+RHO = Param("rho", "kg/m³", 1e1, 1e5, log=True, default=1e3)
+"""Density as a parameter of ``fisher``. It is never learnt: motion under gravity depends on E/ρ, σ_Y/ρ and η/ρ alone."""
+
+
 def sensitivity(clip: Callable[[Tensor], Tensor], q: Tensor, step: float = STEP) -> Tensor:
     """∂c/∂q by central differences, error O(step²), shape (D, P).
 
@@ -108,7 +112,7 @@ def fisher(
     Args:
         film: the clip of a material, any shape.
         field: where; its laws stay.
-        params: which parameters, with their scales.
+        params: which parameters, with their scales; ``RHO`` is the density.
         labels: region of each particle, shape (N,), int64.
         noise: standard deviation of a pixel [-].
     """
@@ -116,11 +120,12 @@ def fisher(
     which = [(p, r) for p in params for r in range(regions)]
 
     def clip(q: Tensor) -> Tensor:
-        theta = dict(field.theta)
+        values = {**field.theta, "rho": field.rho}
         for (p, r), shift in zip(which, q.tolist(), strict=True):
-            theta[p.name] = torch.where(labels == r, moved(p, theta[p.name], shift), theta[p.name])
+            values[p.name] = torch.where(labels == r, moved(p, values[p.name], shift), values[p.name])
+        rho = values.pop("rho")
         with torch.no_grad():
-            return film(dataclasses.replace(field, theta=theta))
+            return film(dataclasses.replace(field, theta=values, rho=rho))
 
     names = [p.name if regions == 1 else f"{p.name} of region {r}" for p, r in which]
     return Fisher.of(names, sensitivity(clip, torch.zeros(len(which), dtype=torch.float64)), noise)

@@ -2,20 +2,16 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Literal
 
 import torch
 from torch import Tensor
 
 from diffuphy.losses.takes import Take
-from diffuphy.material.field import Hypothesis, warm_start
 from diffuphy.probe import Bench, Probe
 from diffuphy.render import Skin
 from diffuphy.render.sh import from_rgb
-from diffuphy.types import Gaussians, MaterialField, Particles, Trajectory
+from diffuphy.types import Camera, Gaussians, Particles
 
 SIZE = 0.3
 """Diameter of the ball [m]: the probe's speed is meant for this size."""
@@ -65,16 +61,23 @@ def bench(probe: Probe, *, seed: int, finer: float = 1.0) -> Bench:
     """
     body, gaussians = ball(round(probe.particles * finer**3), seed), skin_of_ball()
     dx = body.spacing * probe.particles_per_cell ** (1 / 3)
-    # the walls lie on planes of nodes, so the phase of the grid is where the ball is; the camera goes with it
+    # the floor lies on a plane of nodes, so the phase of the grid is where the ball is
     phase = dx * torch.rand(2, generator=torch.Generator().manual_seed(seed + 1000)).double()
     up = torch.tensor([float(phase[0]), float(phase[1]), (0.5 + probe.gap) * SIZE])
     scene = dataclasses.replace(probe.scene(dx, SIZE), lift=None, cfl=probe.cfl / finer)
     camera = probe.camera(body, SIZE)
     body = dataclasses.replace(body, x=body.x + up, offset=tuple(up.tolist()))
-    shift = torch.eye(4)
-    shift[:2, 3] = -up[:2]
-    camera = dataclasses.replace(camera, viewmats=camera.viewmats @ shift)
-    return Bench(probe, scene, body, Skin.bind(gaussians, body, k=probe.skin), camera, SIZE)
+    return Placed(probe, scene, body, Skin.bind(gaussians, body, k=probe.skin), camera, SIZE)
+
+
+class Placed(Bench):
+    """A bench whose body may be anywhere over the floor: cameras and their axis of turning go with it."""
+
+    def camera_of(self, take: Take) -> Camera:
+        camera = super().camera_of(take)
+        back = torch.eye(4)
+        back[:2, 3] = -torch.tensor(self.draft.offset[:2])
+        return dataclasses.replace(camera, viewmats=camera.viewmats @ back)
 
 
 def halves(draft: Particles) -> Tensor:

@@ -29,7 +29,7 @@ class Found:
 
 
 def least_squares(
-    residual: Callable[[Tensor], Tensor], q: Tensor, *, lo: Tensor, hi: Tensor, iterations: int = 15, tol: float = 1e-3
+    residual: Callable[[Tensor], Tensor], q: Tensor, *, lo: Tensor, hi: Tensor, iterations: int = 15, tol: float = 5e-3
 ) -> Found:
     """Minimise ½ |r(q)|² inside a box.
 
@@ -54,7 +54,7 @@ def least_squares(
     for _ in range(iterations):
         J = torch.stack([(cost_of(_beside(found.q, a, hi))[0] - r) / _width(found.q, a, hi) for a in range(len(q))], 1)
         g, H = J.T @ r, J.T @ J
-        for _ in range(6):
+        while True:
             step = -torch.linalg.lstsq(H + damping * torch.diag(H.diagonal()), g[:, None], driver="gelsd").solution[:, 0]
             step = step * min(1.0, 0.7 / max(float(step.abs().max()), 1e-12))
             there = (found.q + step).clamp(lo, hi)
@@ -65,9 +65,9 @@ def least_squares(
             if cost < found.cost:
                 damping = max(damping / 3, 1e-6)
                 break
+            if float(step.abs().max()) < tol:
+                return found
             damping *= 4
-        else:
-            return found
         moved = float((there - found.q).abs().max())
         found.q, found.cost, r = there, cost, r_there
         found.path.append(there.tolist())
