@@ -36,11 +36,9 @@ HALF = 0.6
 """Half the height of the sandwich over its radius."""
 WAYS: dict[str, dict[str, Any]] = {
     "softmax": {},
-    "softmax, best of the scan alone": {"refine": 1},
     "sparsemax": {"gate": "sparsemax", "bias": 0.99},
     "start": {"gate": "start"},
     "uniform, softmax": {"stiffness_steps": 0, "start": 5.2},
-    "uniform, sparsemax": {"stiffness_steps": 0, "start": 5.2, "gate": "sparsemax", "bias": 0.99},
 }
 """Settings of the material stage by the name of the way."""
 
@@ -81,7 +79,7 @@ def fit(way: str, seed: int, *, particles: int, image: int, steps: int) -> dict[
     gaussians, body = sandwich.bodies(seed)
     net = Net(seed=seed, gate=settings.pop("gate", "softmax"), bias=settings.pop("bias", 8.0))
     stage = FitMaterial(
-        guidance=Analytic(layout="clip", s=0.0), library=sandwich, net=net, steps=steps, seed=seed,
+        guidance=Analytic(layout="clip", s=0.0), library=sandwich, segment="colour", net=net, steps=steps, seed=seed,
         elastic=("neo_hookean", "hencky"), plastic=PLASTIC,
         probe=Probe(particles=particles, image=image, seed=2 * seed), **settings,
     )  # fmt: skip
@@ -140,14 +138,14 @@ def main() -> None:
     torch.set_num_threads(1)
     size = {"particles": options.particles, "image": options.image, "steps": options.steps}
     rows = []
-    for way in options.ways:
-        for seed in options.seeds:
+    options.out.mkdir(parents=True, exist_ok=True)
+    for seed in options.seeds:
+        for way in options.ways:
             rows.append(fit(way, seed, **size))
             print(json.dumps(rows[-1]), flush=True)
-    options.out.mkdir(parents=True, exist_ok=True)
-    result = {"machine": describe("cpu"), **size, "rows": rows}
-    (options.out / "two_regions.json").write_text(json.dumps(result, indent=1))
-    (options.out / "two_regions.md").write_text(page(result))
+            result = {"machine": describe("cpu"), **size, "rows": rows}
+            (options.out / "two_regions.json").write_text(json.dumps(result, indent=1))
+            (options.out / "two_regions.md").write_text(page(result))
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import torch
 from torch import Tensor
@@ -20,8 +20,10 @@ from diffuphy.losses.video import video_sds
 from diffuphy.material import ELASTIC, PLASTIC, Param
 from diffuphy.material.encoder import Points
 from diffuphy.material.patches import color_clusters
-from diffuphy.probe import Bench, Probe, TableClips, table_field
+from diffuphy.probe import Bench, Probe, TableClips, parts_of, table_field, words_of
 from diffuphy.types import Gaussians, Look, MaterialField, Motion, Particles, Trajectory
+
+Segment = Literal["parts", "colour"]
 
 
 class Conditions:
@@ -86,7 +88,11 @@ class Case:
     points: Points
     """What the draft particles look like."""
     labels: Tensor
-    """Region of each draft particle by colour, 0 … R − 1, none empty, shape (N,)."""
+    """Region of each draft particle, 0 … R − 1, none empty, shape (N,)."""
+    names: tuple[str, ...]
+    """What the parts of the object are called."""
+    part: Tensor
+    """Part of each draft particle, an index of ``names``, shape (N,)."""
 
     @classmethod
     def make(
@@ -103,6 +109,7 @@ class Case:
         plastic: Sequence[str] = (),
         override: Mapping[str, float | None] | None = None,
         regions: int = 1,
+        segment: Segment = "parts",
     ) -> Self:
         """Set up the experiment on an object.
 
@@ -112,7 +119,8 @@ class Case:
             library: knows the parts of an object; None: one material for the whole object.
             elastic, plastic: candidate experts; () takes those of the table.
             override: parameters that all parts take instead of the table's [SI].
-            regions: most regions by colour; never more than the prompt has materials.
+            regions: most regions; never more than the prompt has materials.
+            segment: what makes a region, see ``segments``.
         """
 
         def table(bench: Bench) -> MaterialField:
@@ -124,8 +132,25 @@ class Case:
             other = dataclasses.replace(probe, seed=probe.seed + 1).bench(gaussians, particles, motion.size)
             guidance = dataclasses.replace(guidance, references=TableClips(other, table(other)))
         points = appearance(gaussians, bench.draft)
-        labels = color_clusters(points.color, min(regions, len(set(motion.materials.values()))))[0]
-        return cls(bench, Conditions(guidance, motion, bench), table(bench), points, labels)
+        most = min(regions, len(set(motion.materials.values())))
+        labels = segments(points, *words_of(library, look, motion, bench.draft), most, segment)
+        names, part = parts_of(library, look, bench.draft)
+        if library is None and int(labels.max()):
+            names, part = tuple(f"region {r + 1}" for r in range(int(labels.max()) + 1)), labels
+        return cls(bench, Conditions(guidance, motion, bench), table(bench), points, labels, names, part)
+
+
+def segments(points: Points, words: Sequence[str], part: Tensor, most: int, segment: Segment) -> Tensor:
+    """Regions that may have materials of their own, shape (N,), int64.
+
+    ``parts``: those parts of the object to which the prompt gives the same word, whatever that word is, wherever the
+    library knows the parts and their words are no more than ``most``; a look at the surface cannot tell what lies
+    inside. ``colour``, and otherwise: clusters of the colours.
+    """
+    found = sorted({words[i] for i in part.unique().tolist()})
+    if segment == "parts" and 1 < len(found) <= most:
+        return torch.tensor([found.index(w) if w in found else 0 for w in words], device=part.device)[part]
+    return color_clusters(points.color, most)[0]
 
 
 def with_columns(table: MaterialField, elastic: Sequence[str], plastic: Sequence[str]) -> MaterialField:

@@ -42,7 +42,7 @@ class Model(nn.Module):
 
         Args:
             points: what they look like.
-            draft: the draft particle nearest to each, shape (M,), int64.
+            draft: the draft particle that each belongs to (``patches.kin``), shape (M,), int64.
         """
         raise NotImplementedError
 
@@ -136,8 +136,8 @@ def descend(
 ) -> Run:
     """Train a model by video score distillation; it is left at the best of the fields that were scored.
 
-    A gradient that is not finite, or a material that cannot be simulated, ends the run with the best so far; before
-    anything was scored it is an error. Killed between two steps and continued from its checkpoint, a run ends in the
+    A gradient that is not finite, or a material that cannot be simulated, ends the run with the best so far; where no
+    field had a score yet it is an error. Killed between two steps and continued from its checkpoint, a run ends in the
     same bits.
 
     Args:
@@ -146,7 +146,7 @@ def descend(
         first: number of the first step in the log.
 
     Raises:
-        FloatingPointError: the first gradient is not finite; the message names the parameter.
+        FloatingPointError: a gradient is not finite, and no field had a score; the message names the parameter.
         SimulationDiverged: the start itself cannot be simulated.
     """
     run, trainer = Run(), _Trainer(case, model, settings)
@@ -189,6 +189,7 @@ class _Trainer:
         self.generator = torch.Generator().manual_seed(settings.seed)
         velocity = settings.velocity
         self.velocity = velocity if velocity is not None and velocity.weight else None
+        self.target = case.cond.target() if self.velocity is not None and self.velocity.form == "image" else None
         self.gather = (self.velocity.needs,) if self.velocity is not None and self.velocity.needs else ()
 
     def step(self, number: int) -> dict[str, float]:
@@ -211,7 +212,7 @@ class _Trainer:
             trajectory, take, t=t, generator=self.generator, weight=s.weight, estimator=s.estimator
         )
         if self.velocity is not None:
-            loss = loss + case.bench.velocity_loss(self.velocity, trajectory, field, reports)
+            loss = loss + case.bench.velocity_loss(self.velocity, trajectory, field, reports, self.target)
         if (penalty := self.model.penalty(field)) is not None:
             loss = loss + penalty
         self.optimiser.zero_grad()

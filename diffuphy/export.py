@@ -2,7 +2,7 @@
 
 import itertools
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -79,9 +79,11 @@ def export(
 
 
 def sections(done: Sequence[Done]) -> list[Section]:
-    """How good the film is, and how wrong."""
+    """What it is made of, how good the film is, and how wrong."""
     scores, errors = scorecard(done), judgement(done)
-    return [*([section(scores)] if scores else []), *([errors.section()] if errors else [])]
+    parts = _summary({d.name: d.path for d in done}).get("parts", ())
+    made_of = [Section("What it is made of", words=parts)] if parts else []
+    return [*made_of, *([section(scores)] if scores else []), *([errors.section()] if errors else [])]
 
 
 def views(gaussians: Gaussians, size: int = 200) -> list[tuple[str, Any]]:
@@ -151,6 +153,11 @@ NOTES = {
 
 def numbers(at: dict[str, Path]) -> list[tuple[str, str, str]]:
     """What the material stage says about its result."""
-    file = at["material"] / SCRATCH / "summary.json"
-    values = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    values = {k: v for k, v in _summary(at).items() if isinstance(v, int | float)}
     return [(k, f"{v:.3g}", NOTES.get(k, "mean weight of this expert")) for k, v in values.items()]
+
+
+def _summary(at: Mapping[str, Path]) -> dict[str, Any]:
+    """What the material stage wrote about its result; nothing where the material was given."""
+    file = at["material"] / SCRATCH / "summary.json" if "material" in at else None
+    return json.loads(file.read_text(encoding="utf-8")) if file is not None and file.exists() else {}

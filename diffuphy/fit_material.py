@@ -11,13 +11,14 @@ import dataclasses
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, get_args
 
 import torch
 from torch import Tensor
 
-from diffuphy.case import Case, parameters
+from diffuphy.case import Case, Segment, parameters
 from diffuphy.descent import Descent, Model, descend
+from diffuphy.identifiability import RHO_UNSEEN, certainty
 from diffuphy.losses.estimators import SDS, Estimator
 from diffuphy.losses.regularize import spread
 from diffuphy.losses.sds import Weight
@@ -26,7 +27,7 @@ from diffuphy.losses.velocity import Velocity
 from diffuphy.material import Param
 from diffuphy.material.decoder import bounded, coordinate, inside
 from diffuphy.material.encoder import Points
-from diffuphy.material.field import Hypothesis, harden, prune, warm_start
+from diffuphy.material.field import Hypothesis, harden, prune, take, warm_start
 from diffuphy.material.net import MaterialNet, Net
 from diffuphy.material.presets import lookup
 from diffuphy.probe import Probe
@@ -74,8 +75,13 @@ class FitMaterial:
     learn: tuple[str, ...] = ("E",)
     """Parameters to learn, by their names in the field; the others stay at the table's. A short drop shows stiffness;
     what else it shows depends on the material: ν, yield_stress, friction_angle, viscosity."""
+    pixel_noise: float | None = None
+    """Standard deviation of a pixel for which the summary says how certain what was learnt can be, and the log what the
+    clip does not show (``identifiability``); some clips more. None leaves it out."""
     regions: int = 2
-    """Most regions, by colour, that get hypotheses of their own; 1 when the prompt names one material."""
+    """Most regions that get hypotheses of their own; 1 when the prompt names one material."""
+    segment: Segment = "parts"
+    """What makes a region: ``parts`` with words of their own in the prompt, if known to the library; or ``colour``."""
     scan_frames: int = 8
     """Frames of the scan's clips: impact and rebound."""
     refine: int = 3
@@ -114,8 +120,14 @@ class FitMaterial:
                 "material.steps, stiffness_steps and refine_steps must be ≥ 0 and regions and refine ≥ 1, got "
                 f"{self.steps}, {self.stiffness_steps}, {self.refine_steps}, {self.regions} and {self.refine}"
             )
+        if self.segment not in get_args(Segment):
+            raise ValueError(f"material.segment must be one of {get_args(Segment)}, got {self.segment!r}")
         if not self.learn:
             raise ValueError("material.learn must name a parameter; material.steps=0 leaves the training out")
+        if "rho" in self.learn:
+            raise ValueError(RHO_UNSEEN)
+        if self.pixel_noise is not None and not self.pixel_noise > 0:
+            raise ValueError(f"material.pixel_noise must be positive, or null to leave it out, got {self.pixel_noise}")
         self._check_override()
         self.estimator.check(self.guidance)
         if self.scan_frames > self.probe.frames:
@@ -148,7 +160,11 @@ class FitMaterial:
         case = self.case(look, motion, gaussians, particles)
         model = self.fit(case, work)
         with torch.no_grad():
-            work.summary(verdict(case, harden(model()), self.weight))
+            hardened = harden(model())
+            numbers = verdict(case, hardened, self.weight)
+            if self.pixel_noise is not None:
+                numbers |= certainty(case, hardened, self._learnt(case), self.pixel_noise)
+            work.summary(numbers)
             return film_field(case, model, gaussians, particles)
 
     def case(self, look: Look, motion: Motion, gaussians: Gaussians, particles: Particles) -> Case:
@@ -156,6 +172,7 @@ class FitMaterial:
         return Case.make(
             self.probe, self.guidance, self.library, look, motion, gaussians, particles,
             elastic=self.elastic, plastic=self.plastic, override=self.override, regions=self.regions,
+            segment=self.segment,
         )  # fmt: skip
 
     def fit(self, case: Case, work: Workspace) -> "RegionalNet":
@@ -256,7 +273,7 @@ class RegionalNet(Model):
         return self._moved(self.net(), self.labels)
 
     def at(self, points: Points, draft: Tensor) -> MaterialField:
-        return self._moved(self.net(points), self.labels[draft])
+        return self._moved(self.net(points, take(self.net.start, draft)), self.labels[draft])
 
     def _moved(self, field: MaterialField, labels: Tensor) -> MaterialField:
         gain, theta = self.settings.net.param_gain, field.theta

@@ -8,16 +8,22 @@ so I is also the Gauss–Newton Hessian of the squared error. A bound: errors of
 """
 
 import dataclasses
+import itertools
+import logging
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
+from diffuphy.case import Case
 from diffuphy.material import Param
 from diffuphy.material.decoder import coordinate
+from diffuphy.material.field import prune
 from diffuphy.types import MaterialField
+
+log = logging.getLogger(__name__)
 
 STEP = 0.02
 """Half-width of the central difference in a coordinate: far above what rounding does to a clip, far below a decade."""
@@ -25,6 +31,12 @@ STEP = 0.02
 UNSEEN = 1.0
 """Standard error from which a combination of parameters is not seen: a decade, or a whole range."""
 
+
+RHO_UNSEEN = (
+    "material.learn cannot have 'rho': a drop shows E/rho, yield_stress/rho and viscosity/rho alone, so that all of them "
+    "times ten make the same clip; state the density with material.override.rho and learn the others"
+)
+"""Why density is never learnt."""
 
 RHO = Param("rho", "kg/m³", 1e1, 1e5, log=True, default=1e3)
 """Density as a parameter of ``fisher``. It is never learnt: motion under gravity depends on E/ρ, σ_Y/ρ and η/ρ alone."""
@@ -146,10 +158,41 @@ def coordinate_of(p: Param, value: float) -> float:
     return float(coordinate(p, torch.tensor(value, dtype=torch.float64)))
 
 
-def stated(found: Fisher, params: Mapping[str, Param]) -> dict[str, float]:
+def stated(found: Fisher, params: Sequence[Param]) -> dict[str, float]:
     """Standard errors for a report: ``error_E`` in dex, ``error_nu`` in the parameter's own unit."""
-    numbers = {}
+    known, numbers = {p.name: p for p in params}, {}
     for name, error in zip(found.names, found.errors.tolist(), strict=True):
-        p = params[name.split()[0]]
+        p = known[name.split()[0]]
         numbers["error_" + name.replace(" of region ", "_")] = error if p.log else error * (p.hi - p.lo)
     return numbers | {"condition": found.condition}
+
+
+def certainty(case: Case, field: MaterialField, params: Sequence[Param], noise: float) -> dict[str, float]:
+    """How certain a material can be that was found from the clip of a drop; what the clip does not show is warned of.
+
+    Args:
+        field: the material of the draft particles, one-hot on its laws.
+        params: what was learnt.
+        noise: standard deviation of a pixel [-].
+
+    Returns:
+        Standard errors, the condition number of the Fisher information, and by ``differ_A_B`` the root mean square
+        difference of the clips of candidate elastic laws A and B.
+    """
+    bench = case.bench
+
+    def film(field: MaterialField) -> Tensor:
+        return bench.film(bench.simulate(prune(field).field))
+
+    found = fisher(film, field, params, case.labels, noise)
+    said, numbers = found.remarks(), stated(found, params)
+    for a, b in itertools.combinations(range(len(field.elastic)), 2):
+        laws = torch.eye(len(field.elastic)).to(field.w_e)[[a, b]]
+        clips = [film(dataclasses.replace(field, w_e=law.expand_as(field.w_e).contiguous())) for law in laws]
+        names = field.elastic[a], field.elastic[b]
+        differ = numbers["differ_{}_{}".format(*names)] = float((clips[0] - clips[1]).square().mean().sqrt())
+        if differ < noise:
+            said.append("the clip does not tell {} from {}: at small strain they are the same law".format(*names))
+    for words in said:
+        log.warning("material: %s", words)
+    return numbers

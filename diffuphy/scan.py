@@ -7,7 +7,7 @@ wrong phase points the wrong way. A scan of a few dozen short clips takes second
 import itertools
 import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -25,6 +25,9 @@ log = logging.getLogger(__name__)
 THREADS = 2
 """Clips simulated at once on the CPU; the scores do not depend on it."""
 
+Pair = tuple[tuple[str, float], ...]
+"""Plastic law and log10 E [Pa] of each region."""
+
 
 def scan(
     case: Case,
@@ -34,6 +37,7 @@ def scan(
     weight: Weight,
     work: Workspace,
     known: Sequence[float] = (),
+    few: int = 6,
 ) -> list[list[dict[str, Any]]]:
     """All combinations of ``table.plastic`` × ``grid`` over the regions, simulated, filmed and scored.
 
@@ -44,10 +48,11 @@ def scan(
         grid: values of log10 E [Pa].
         frames: length of the clips.
         known: scores of the first hypotheses, from a checkpoint.
+        few: choices of laws whose stiffness is sought more finely than the grid, see ``compass``.
 
     Returns:
-        For each choice of laws its best stiffness, as one hypothesis for each region; the best choice first. A descent
-        moves stiffness and hardly ever laws, so these are the basins it may start in.
+        For each of the best ``few`` choices of laws its best stiffness, as one hypothesis for each region; the best
+        choice first. A descent moves stiffness and hardly ever laws, so these are the basins it may start in.
 
     Raises:
         SimulationDiverged: none of them can be simulated; what can is compared, and the log tells how many cannot.
@@ -55,13 +60,13 @@ def scan(
     table, regions = case.table, region_values(case.table, case.labels)
     pairs = list(itertools.product(itertools.product(table.plastic, grid), repeat=len(regions)))
 
-    def hypotheses(pair: tuple) -> list[dict[str, Any]]:
+    def hypotheses(pair: Pair) -> list[dict[str, Any]]:
         return [
             {"elastic": r["elastic"], "plastic": plastic, "theta": r["theta"] | {"E": 10**log_E}, "rho": r["rho"]}
             for (plastic, log_E), r in zip(pair, regions, strict=True)
         ]
 
-    def score(pair: tuple) -> float:
+    def score(pair: Pair) -> float:
         guess = warm_start(table.elastic, table.plastic, case.labels, [Hypothesis(**h) for h in hypotheses(pair)])
         with torch.no_grad():
             try:
@@ -81,16 +86,41 @@ def scan(
             work.log(len(scores), **seen, hypothesis=_words(pair))
             if work.due():
                 work.save({"scores": scores})
-    best = _of_each_choice(pairs, scores)
+    best = _of_each_choice(pairs, scores)[:few]
     if not best:
         raise failed[0] if failed else SimulationDiverged(f"none of {len(pairs)} hypotheses can be simulated")
     if failed:
         log.warning("material: %d of %d hypotheses cannot be simulated: %s", len(failed), len(pairs), failed[0])
-    log.info("material: scanned %d hypotheses, the best is %s", len(pairs), _words(pairs[best[0]]))
-    return [hypotheses(pairs[i]) for i in best]
+    with ThreadPoolExecutor(THREADS) as pool:
+        found = list(pool.map(lambda i: compass(score, pairs[i], scores[i], grid), best))
+    found.sort(key=lambda f: f[1])
+    log.info("material: scanned %d hypotheses; %s", len(pairs), "; ".join(f"{_words(p)}: {v:.3g}" for p, v in found))
+    return [hypotheses(pair) for pair, _ in found]
 
 
-def _of_each_choice(pairs: Sequence[tuple], scores: Sequence[float]) -> list[int]:
+def compass(
+    score: Callable[[Pair], float], pair: Pair, value: float, grid: Sequence[float], halvings: int = 2
+) -> tuple[Pair, float]:
+    """The best stiffness of each region near those of ``pair``, and its score, by looking both ways in halved steps.
+
+    Compass search (Kolda, Lewis & Torczon 2003): forward only, and a bounce seen at the wrong phase does not mislead
+    it as it does a gradient. Ends within grid step / 2^halvings of a local minimum if there is one.
+    """
+    step = (grid[-1] - grid[0]) / max(1, len(grid) - 1)
+    for _ in range(halvings):
+        step /= 2
+        for region, (law, log_E) in enumerate(pair):
+            for other in (log_E - step, log_E + step):
+                if not grid[0] <= other <= grid[-1]:
+                    continue
+                trial = (*pair[:region], (law, other), *pair[region + 1 :])
+                if (found := score(trial)) < value:
+                    pair, value = trial, found
+                    break
+    return pair, value
+
+
+def _of_each_choice(pairs: Sequence[Pair], scores: Sequence[float]) -> list[int]:
     """The best hypothesis of each choice of laws that has one, by their scores."""
     best: dict[tuple[str, ...], int] = {}
     for i in sorted(range(len(pairs)), key=scores.__getitem__):
@@ -99,7 +129,7 @@ def _of_each_choice(pairs: Sequence[tuple], scores: Sequence[float]) -> list[int
     return list(best.values())
 
 
-def _words(pair: tuple) -> str:
+def _words(pair: Pair) -> str:
     return ", ".join(f"{plastic} with E = 1e{log_E:.2f} Pa" for plastic, log_E in pair)
 
 

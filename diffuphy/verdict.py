@@ -2,13 +2,15 @@
 
 import dataclasses
 import logging
+from typing import Any
 
 from diffuphy.appearance import appearance
 from diffuphy.case import Case
 from diffuphy.descent import Model
 from diffuphy.losses.sds import Weight
 from diffuphy.material.field import harden, prune, summary
-from diffuphy.material.patches import nearest
+from diffuphy.material.patches import kin
+from diffuphy.material.readout import readout
 from diffuphy.probe import TableClips
 from diffuphy.types import Gaussians, MaterialField, Particles
 
@@ -18,19 +20,20 @@ log = logging.getLogger(__name__)
 def film_field(case: Case, model: Model, gaussians: Gaussians, particles: Particles) -> MaterialField:
     """The trained field at all particles: one-hot on experts, so that the film does not depend on the time step, and
     without the experts that nobody uses."""
-    draft = nearest(particles.x, case.bench.draft.x, 1)[1][:, 0]
-    pruned = prune(harden(model.at(appearance(gaussians, particles), draft)))
+    points = appearance(gaussians, particles)
+    draft = kin(points.x, points.color, case.points.x, case.points.color)
+    pruned = prune(harden(model.at(points, draft)))
     for name in pruned.dropped:
         log.info("material: expert %s left out of the film (largest weight %.1e)", name, pruned.peaks[name])
     return pruned.field
 
 
-def verdict(case: Case, field: MaterialField, weight: Weight) -> dict[str, float]:
+def verdict(case: Case, field: MaterialField, weight: Weight) -> dict[str, Any]:
     """Loss of the hardened field of the draft particles; against the embedded prior also its held-out motion, and the
-    loss at the table itself: below it one fits discretisation."""
+    loss at the table itself: below it one fits discretisation. And what each part is made of, in words."""
     bench, cond, table = case.bench, case.cond, case.table
     pruned = prune(field)
-    numbers = {"hardened_loss": cond.score(bench.simulate(pruned.field), weight)}
+    numbers: dict[str, Any] = {"hardened_loss": cond.score(bench.simulate(pruned.field), weight)}
     if pruned.dropped:
         numbers["pruning_change"] = bench.change(field, pruned.field)
     if isinstance(getattr(cond.guidance, "references", None), TableClips):
@@ -39,4 +42,7 @@ def verdict(case: Case, field: MaterialField, weight: Weight) -> dict[str, float
         scene = faster.scene(bench.scene.dx, bench.size)
         mine, theirs = (bench.film(bench.simulate(prune(f).field, scene=scene)) for f in (field, table))
         numbers["held_out_motion"] = float(((mine - theirs) ** 2).mean())
-    return numbers | summary(field)
+    parts = [str(row) for row in readout(field, case.part, case.names)]
+    for words in parts:
+        log.info("material: %s", words)
+    return numbers | summary(field) | {"parts": parts}

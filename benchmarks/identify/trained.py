@@ -50,7 +50,8 @@ def case_of(specimen: Specimen, truth: Tensor, reference: Reference, seed: int) 
     table = with_columns(specimen.field(mine.labels, middle), (specimen.elastic,), (specimen.plastic,))
     labels = halves(mine.bench.draft) * int(specimen.halves)
     points = appearance(skin_of_ball(), mine.bench.draft)
-    return Case(mine.bench, Conditions(guidance, motion, mine.bench), table, points, labels)
+    names = ("lower", "upper") if specimen.halves else ("ball",)
+    return Case(mine.bench, Conditions(guidance, motion, mine.bench), table, points, labels, names, labels)
 
 
 def start_and_truth(distance: float, side: int, number: int) -> tuple[float, float]:
