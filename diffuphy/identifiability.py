@@ -21,7 +21,9 @@ from diffuphy.case import Case
 from diffuphy.material import Param
 from diffuphy.material.decoder import coordinate
 from diffuphy.material.field import prune
-from diffuphy.types import MaterialField
+from diffuphy.mpm import FrameReport
+from diffuphy.probe import Bench
+from diffuphy.types import MaterialField, SimulationDiverged
 
 log = logging.getLogger(__name__)
 
@@ -33,13 +35,13 @@ UNSEEN = 1.0
 
 
 RHO_UNSEEN = (
-    "material.learn cannot have 'rho': a drop shows E/rho, yield_stress/rho and viscosity/rho alone, so that all of them "
-    "times ten make the same clip; state the density with material.override.rho and learn the others"
+    "material.learn cannot have 'rho': a drop shows E/rho, yield_stress/rho and viscosity/rho alone, so that all of "
+    "them times ten make the same clip; state the density with material.override.rho and learn the others"
 )
 """Why density is never learnt."""
 
 RHO = Param("rho", "kg/m³", 1e1, 1e5, log=True, default=1e3)
-"""Density as a parameter of ``fisher``. It is never learnt: motion under gravity depends on E/ρ, σ_Y/ρ and η/ρ alone."""
+"""Density as a parameter of ``fisher``; never learnt: a fall depends on E/ρ, σ_Y/ρ and η/ρ alone."""
 
 
 def sensitivity(clip: Callable[[Tensor], Tensor], q: Tensor, step: float = STEP) -> Tensor:
@@ -136,8 +138,7 @@ def fisher(
         for (p, r), shift in zip(which, q.tolist(), strict=True):
             values[p.name] = torch.where(labels == r, moved(p, values[p.name], shift), values[p.name])
         rho = values.pop("rho")
-        with torch.no_grad():
-            return film(dataclasses.replace(field, theta=values, rho=rho))
+        return film(dataclasses.replace(field, theta=values, rho=rho))
 
     names = [p.name if regions == 1 else f"{p.name} of region {r}" for p, r in which]
     return Fisher.of(names, sensitivity(clip, torch.zeros(len(which), dtype=torch.float64)), noise)
@@ -177,22 +178,41 @@ def certainty(case: Case, field: MaterialField, params: Sequence[Param], noise: 
 
     Returns:
         Standard errors, the condition number of the Fisher information, and by ``differ_A_B`` the root mean square
-        difference of the clips of candidate elastic laws A and B.
+        difference of the clips of candidate elastic laws A and B; nothing, with a warning, where a material beside the
+        found one cannot be simulated.
     """
-    bench = case.bench
-
-    def film(field: MaterialField) -> Tensor:
-        return bench.film(bench.simulate(prune(field).field))
-
-    found = fisher(film, field, params, case.labels, noise)
-    said, numbers = found.remarks(), stated(found, params)
-    for a, b in itertools.combinations(range(len(field.elastic)), 2):
-        laws = torch.eye(len(field.elastic)).to(field.w_e)[[a, b]]
-        clips = [film(dataclasses.replace(field, w_e=law.expand_as(field.w_e).contiguous())) for law in laws]
-        names = field.elastic[a], field.elastic[b]
-        differ = numbers["differ_{}_{}".format(*names)] = float((clips[0] - clips[1]).square().mean().sqrt())
-        if differ < noise:
-            said.append("the clip does not tell {} from {}: at small strain they are the same law".format(*names))
-    for words in said:
+    try:
+        film = steady_film(case.bench, field)
+        found = fisher(film, field, params, case.labels, noise)
+        laws = _laws_apart(film, field)
+    except SimulationDiverged as trouble:
+        log.warning("material: no certainty stated, a material beside the found one cannot be simulated: %s", trouble)
+        return {}
+    same = [f"the clip does not tell {a} from {b}: at small strain they are the same law"
+            for (a, b), apart in laws.items() if apart < noise]  # fmt: skip
+    for words in (*found.remarks(), *same):
         log.warning("material: %s", words)
-    return numbers
+    return stated(found, params) | {f"differ_{a}_{b}": apart for (a, b), apart in laws.items()}
+
+
+def steady_film(bench: Bench, field: MaterialField) -> Callable[[MaterialField], Tensor]:
+    """Clips of materials near ``field``, all with its time step: a number of substeps that changes is a jump in what
+    is to be differentiated."""
+    reports: list[FrameReport] = []
+    with torch.no_grad():
+        bench.simulate(prune(field).field, report=reports)
+    dt = min(report.dt for report in reports)
+
+    def film(other: MaterialField) -> Tensor:
+        with torch.no_grad():
+            return bench.film(bench.simulate(prune(other).field, dt=dt))
+
+    return film
+
+
+def _laws_apart(film: Callable[[MaterialField], Tensor], field: MaterialField) -> dict[tuple[str, str], float]:
+    """Root mean square difference of the clips of each two elastic laws, if there are several."""
+    rows = torch.eye(len(field.elastic)).to(field.w_e)
+    pairs = list(itertools.combinations(range(len(rows)), 2))
+    clips = [film(dataclasses.replace(field, w_e=row.expand_as(field.w_e).contiguous())) for row in rows if pairs]
+    return {(field.elastic[a], field.elastic[b]): float((clips[a] - clips[b]).square().mean().sqrt()) for a, b in pairs}

@@ -31,7 +31,7 @@ MAY_IMPORT = {
     "appearance": {"types", "geometry", "render", "material"},
     "probe": {"types", "workspace", "render", "material", "mpm", "losses"},
     "case": {"types", "material", "losses", "appearance", "probe"},
-    "identifiability": {"types", "material", "case"},
+    "identifiability": {"types", "material", "mpm", "probe", "case"},
     "scan": {"types", "workspace", "material", "losses", "case"},
     "descent": {"types", "workspace", "render", "material", "mpm", "losses", "case"},
     "verdict": {"types", "material", "losses", "appearance", "probe", "case", "descent"},

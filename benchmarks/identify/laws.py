@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from benchmarks.identify.bodies import Reference
-from benchmarks.identify.recover import fitting, made_by
+from benchmarks.identify.recover import fitting
 from benchmarks.identify.rows import Rows, Stopwatch
 from benchmarks.identify.specimens import Specimen
 from benchmarks.identify.trained import case_of
@@ -49,9 +49,9 @@ def truth(law: str, number: int) -> tuple[Specimen, Tensor]:
     return specimen(law, **{n: v for n, v in other.items() if n in READ[law]}), q
 
 
-def study(out: Path, truths: int) -> Rows:
+def study(out: Path, truths: int, references: tuple[Reference, ...] = ("fine", "same")) -> Rows:
+    """So many truths of each law, seen in clips of each kind."""
     rows = Rows(out / "identify_laws.json", ("law", "number", "reference"))
-    references: tuple[Reference, ...] = ("fine", "same")
     for number in range(truths):
         for law in LAWS:
             for reference in references:
@@ -69,6 +69,6 @@ def _row(rows: Rows, law: str, number: int, reference: Reference) -> None:
     order = sorted(range(len(scores)), key=scores.__getitem__)
     ranked = list(dict.fromkeys(drops[i][0] for i in order))
     rows.add(
-        law=law, number=number, reference=reference, log10_E=float(q[0]), found=ranked[0], log10_E_found=drops[order[0]][1],
-        right=ranked[0] == law, place=1 + ranked.index(law), seconds=watch.seconds,
+        law=law, number=number, reference=reference, log10_E=float(q[0]), found=ranked[0],
+        log10_E_found=drops[order[0]][1], right=ranked[0] == law, place=1 + ranked.index(law), seconds=watch.seconds,
     )  # fmt: skip

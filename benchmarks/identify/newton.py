@@ -54,8 +54,12 @@ def least_squares(
     for _ in range(iterations):
         J = torch.stack([(cost_of(_beside(found.q, a, hi))[0] - r) / _width(found.q, a, hi) for a in range(len(q))], 1)
         g, H = J.T @ r, J.T @ J
+        held = ((found.q <= lo) & (g > 0)) | ((found.q >= hi) & (g < 0))  # it would leave the box
+        g, H = torch.where(held, 0.0, g), torch.where(held[:, None] | held, 0.0, H)
         while True:
-            step = -torch.linalg.lstsq(H + damping * torch.diag(H.diagonal()), g[:, None], driver="gelsd").solution[:, 0]
+            step = -torch.linalg.lstsq(H + damping * torch.diag(H.diagonal()), g[:, None], driver="gelsd").solution[
+                :, 0
+            ]
             step = step * min(1.0, 0.7 / max(float(step.abs().max()), 1e-12))
             there = (found.q + step).clamp(lo, hi)
             try:

@@ -42,8 +42,13 @@ class Specimen:
         return tuple(all_of[n] for n in self.unknown)
 
     @property
-    def coordinates(self) -> int:
-        return len(self.unknown) * (1 + self.halves)
+    def sought(self) -> list[tuple[str, str]]:
+        """Name and unit of error of each coordinate."""
+        return [
+            (f"{n} {half}".strip(), self.tolerance[n][1])
+            for half in (("below", "above") if self.halves else ("",))
+            for n in self.unknown
+        ]
 
     def box(self, beyond: float = 0.0) -> tuple[Tensor, Tensor]:
         """Ends of the ranges of the truths in coordinates, widened by so many dex or ranges, inside the bounds."""
@@ -77,9 +82,7 @@ class Specimen:
         """Errors in the unit of the tolerance, one for each coordinate."""
         found = []
         names = list(self.unknown) * (1 + self.halves)
-        for name, a, b, u, v in zip(
-            names, q.tolist(), truth.tolist(), self.values(q), self.values(truth), strict=True
-        ):
+        for name, a, b, u, v in zip(names, q.tolist(), truth.tolist(), self.values(q), self.values(truth), strict=True):
             unit = self.tolerance[name][1]
             found.append(a - b if unit == "dex" else (u / v - 1 if unit == "%" else u - v))
         return found

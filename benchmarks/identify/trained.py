@@ -24,6 +24,8 @@ DISTANCES = (0.3, 0.8, 1.3, 1.9, 2.5)
 SIDES = (1, -1)
 TRUTHS = (3.9, 6.0)
 """Range of the truths [log10 Pa]; starts go from 2.5 dex below the upper to 2.5 dex above the lower end."""
+SEEDS = 5
+"""Benches that references are made on, in turn."""
 RANGE = (3.4, 6.5)
 """What the fit may find [log10 Pa]."""
 
@@ -76,27 +78,42 @@ def train(specimen: Specimen, truth: Tensor, reference: Reference, seed: int, **
     return {"found": found, "path": work.path, "seconds": watch.seconds}
 
 
-def study(out: Path, runs: int, steps: int) -> Rows:
-    """Descents from all distances and sides, ``runs`` of each, and the whole stage with its scan."""
-    rows = Rows(out / "identify_stiffness.json", ("way", "reference", "distance", "side", "number"))
+def open_rows(out: Path) -> Rows:
+    return Rows(out / "identify_stiffness.json", ("way", "reference", "distance", "side", "number"))
+
+
+def stages(rows: Rows, runs: int, steps: int) -> None:
+    """The whole stage, scan and training, as the product runs it; the first half of the runs against the same
+    resolution as well."""
     rubber = SPECIMENS["rubber"]
-    for number, reference in itertools.product(range(runs), ("fine", "same")):
-        for distance, side in itertools.product(DISTANCES, SIDES):
-            key = {"way": "descent", "reference": reference, "distance": distance, "side": side, "number": number}
-            if rows.has(**key):
-                continue
-            start, truth = start_and_truth(distance, side, number)
-            found = train(
-                rubber, torch.tensor([truth], dtype=torch.float64), reference, 1 + number,
-                stiffness_steps=0, start=start, steps=steps,
-            )  # fmt: skip
-            _add(rows, key, truth, found)
-        key = {"way": "scan", "reference": reference, "distance": 0.0, "side": 0}
-        for k in range(2 * number, 2 * number + 2):
-            if not rows.has(**key, number=k):
-                truth = truth_of(rubber, k)
-                _add(rows, key | {"number": k}, float(truth[0]), train(rubber, truth, reference, 1 + number))
-    return rows
+    for number in range(runs):
+        references: tuple[Reference, ...] = ("fine", "same") if number < (runs + 1) // 2 else ("fine",)
+        for reference in references:
+            key = {"way": "stage", "reference": reference, "distance": 0.0, "side": 0, "number": number}
+            if not rows.has(**key):
+                truth = truth_of(rubber, number)
+                _add(rows, key, float(truth[0]), train(rubber, truth, reference, 1 + number % SEEDS, steps=steps))
+
+
+def descents(
+    rows: Rows,
+    runs: int,
+    steps: int,
+    references: tuple[Reference, ...] = ("fine",),
+    distances: tuple[float, ...] = DISTANCES,
+) -> None:
+    """Training alone from all distances and sides, ``runs`` of each."""
+    rubber = SPECIMENS["rubber"]
+    for number, reference, distance, side in itertools.product(range(runs), references, distances, SIDES):
+        key = {"way": "descent", "reference": reference, "distance": distance, "side": side, "number": number}
+        if rows.has(**key):
+            continue
+        start, truth = start_and_truth(distance, side, number)
+        at = torch.tensor([truth], dtype=torch.float64)
+        _add(
+            rows, key, truth,
+            train(rubber, at, reference, 1 + number % SEEDS, stiffness_steps=0, start=start, steps=steps),
+        )  # fmt: skip
 
 
 def _add(rows: Rows, key: dict[str, Any], truth: float, run: dict[str, Any]) -> None:
