@@ -5,16 +5,13 @@ answer at once. A failure that the user can mend is one line on standard error a
 of ours and keeps its traceback, as does everything with ``HYDRA_FULL_ERROR=1``.
 """
 
-import hashlib
 import logging
 import os
-import re
 import shlex
 import sys
-import unicodedata
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
@@ -22,33 +19,13 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
-from diffuphy.quoting import FREE_TEXT, literal, protect
+from diffuphy.making import conf_dir, make_film
+from diffuphy.quoting import FREE_TEXT, protect
 
 if TYPE_CHECKING:
     from diffuphy.artifact import Done
 
 log = logging.getLogger(__name__)
-
-
-def conf_dir() -> Path:
-    """The folder of the settings: ``conf/`` beside the package in a checkout, inside the package when installed."""
-    package = Path(__file__).resolve().parent
-    return next(path for path in (package.parent / "conf", package / "conf") if (path / "train.yaml").exists())
-
-
-def slug(*texts: str) -> str:
-    """A folder name for texts: what is left of them in ASCII, then six hexadecimal digits of their SHA-256.
-
-    The same text always gives the same name, so the same command continues in the same folder. Empty texts do not
-    count.
-    """
-    text = "\n".join(filter(None, texts))
-    ascii_text = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
-    words = re.sub(r"[^a-z0-9]+", "-", ascii_text.lower()).strip("-")[:48].rstrip("-")
-    return "-".join(filter(None, (words, hashlib.sha256(text.encode()).hexdigest()[:6])))
-
-
-OmegaConf.register_new_resolver("slug", slug, replace=True)
 
 
 class Console(logging.StreamHandler):
@@ -61,45 +38,15 @@ class Console(logging.StreamHandler):
 
 
 def film(cfg: DictConfig) -> None:
-    """Build the components and run the pipeline; the one place where settings become objects."""
-    folder = Path(HydraConfig.get().runtime.output_dir)
-    from diffuphy import pipeline
-    from diffuphy.artifact import Store
-    from diffuphy.export import export
+    """Make the film and say the last words."""
     from diffuphy.judgement import judgement
     from diffuphy.scorecard import line, scorecard
-    from diffuphy.settings import check
 
-    settings = OmegaConf.to_container(cfg, resolve=True)
-    assert isinstance(settings, dict)
-    check(settings)
-    cfg.device = device(cfg.device)
-    set_threads(cfg.threads)
-    force = [cfg.force] if isinstance(cfg.force, str) else list(cfg.force)
-    components = make(settings["stages"])
-    store = Store(Path(cfg.store), device=cfg.device, interval=cfg.checkpoint_seconds)
-    done, plan = pipeline.run(
-        components, store=store, until=cfg.until, force=force, run_dir=folder, accuracy=cfg.accuracy
-    )
-    files = export(folder, done, plan, title=cfg.prompt, settings=OmegaConf.to_yaml(cfg, resolve=False))
-    said, scores = judgement(done), scorecard(done)
+    made = make_film(cfg, Path(HydraConfig.get().runtime.output_dir))
+    said, scores = judgement(made.done), scorecard(made.done)
     told = str(said or ""), line(scores) if scores else ""
     overrides = OmegaConf.to_container(HydraConfig.get().overrides.task, resolve=False)  # "${" in a text is none
-    log.info("%s", conclusion(done, files, overrides, *told))  # type: ignore[arg-type]
-
-
-def make(stages: dict[str, Any]) -> dict[str, Any]:
-    """The component of each stage, from resolved settings. Hydra reads a text twice, so it is made literal twice."""
-    from hydra.utils import instantiate
-
-    def twice(node: Any) -> Any:
-        if isinstance(node, dict):
-            return {key: twice(value) for key, value in node.items()}
-        if isinstance(node, list):
-            return [twice(value) for value in node]
-        return literal(literal(node)) if isinstance(node, str) else node
-
-    return instantiate(OmegaConf.create({"stages": twice(stages)}).stages, _convert_="all")
+    log.info("%s", conclusion(made.done, made.files, overrides, *told))  # type: ignore[arg-type]
 
 
 def conclusion(
@@ -125,35 +72,6 @@ def typed(override: str) -> str:
         return shlex.quote(override)
     text = OmegaConf.create({"text": OverridesParser.create().parse_overrides([override])[0].value()}).text
     return f"{key}={shlex.quote(text if protect([f'{key}={text}']) == [override] else value)}"
-
-
-def device(name: str) -> str:
-    """``auto`` is the first GPU where there is one.
-
-    Raises:
-        ValueError: no such device.
-    """
-    import torch
-
-    found = torch.cuda.device_count() if torch.cuda.is_available() else 0
-    if name == "auto":
-        return "cuda" if found else "cpu"
-    kind, _, index = name.partition(":")
-    if name != "cpu" and not (kind == "cuda" and (index.isdecimal() or name == "cuda")):
-        raise ValueError(f"device must be auto, cpu, cuda or cuda:1, got {name!r}")
-    if kind == "cuda" and int(index or 0) >= found:
-        there = f"cuda:0 to cuda:{found - 1} are there" if found else "there is no CUDA device"
-        raise ValueError(f"device={name}: {there}; use device=cpu or device=auto")
-    return name
-
-
-def set_threads(number: int) -> None:
-    """Let torch use this many threads on the CPU."""
-    import torch
-
-    if number < 1:
-        raise ValueError(f"threads must be at least 1, got {number}")
-    torch.set_num_threads(number)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -49,10 +49,12 @@ def preset(path: Path, particles: int | None = None) -> str:
     from diffuphy.physgaussian import material, played, read
 
     file = read(path)
+    matter = settings(material(str(path)))
+    del matter["_target_"]  # that of the group stays, which bears the settings of a fit that other groups bring
     body = {
         "refine": {"default_size": file["scale"]},
         "scene": settings(played(file, particles)),
-        "material": settings(material(str(path))),
+        "material": matter,
     }
     head = (
         f"# @package _global_\n# The scene of {path.name}, in metres, seconds, kilograms; the floor is z = 0, "

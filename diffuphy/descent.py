@@ -157,7 +157,7 @@ def descend(
             if run.step % settings.check == 0 and not trainer.judge(run, work):
                 break
             try:
-                scalars = trainer.step(run.step)
+                scalars = trainer.step(run.step, work)
             except (FloatingPointError, SimulationDiverged) as trouble:
                 if math.isinf(run.score):
                     raise
@@ -192,7 +192,7 @@ class _Trainer:
         self.target = case.cond.target() if self.velocity is not None and self.velocity.form == "image" else None
         self.gather = (self.velocity.needs,) if self.velocity is not None and self.velocity.needs else ()
 
-    def step(self, number: int) -> dict[str, float]:
+    def step(self, number: int, work: Workspace) -> dict[str, float]:
         """One step of the optimiser.
 
         Raises:
@@ -220,6 +220,7 @@ class _Trainer:
         self._check()
         norm = torch.nn.utils.clip_grad_norm_([p for g in self.groups for p in g["params"]], s.clip)
         self.optimiser.step()
+        work.show("material", number + 1, s.steps, lambda: (case.bench.skin, trajectory))
         return {"loss": distilled.item(), "total": loss.item(), "grad": norm.item(), **summary(field)}
 
     def _check(self) -> None:

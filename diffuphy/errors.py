@@ -81,7 +81,7 @@ class Estimate:
             log.warning("no error estimate: the draft with twice the grid spacing failed: %s", trouble)
             return Errors.missing(len(trajectory.x), motion.size, trajectory.fps, str(trouble))
         x = torch.stack([coarse(frame) for frame in trajectory.x])
-        camera, s = self.film.camera(trajectory), self.film.supersample
+        camera, s = self.film.cameras(trajectory, particles), self.film.supersample
         weight = coarse.mass / coarse.mass.sum()
         seen = project(x, camera)
         com, shape, pixels = zip(
@@ -159,7 +159,7 @@ def envelope(values: Tensor, reach: int) -> Tensor:
 
 
 def project(x: Tensor, camera: Camera) -> Tensor:
-    """Where the first camera sees points, (..., 3) [m] → (..., 2) [px]."""
-    view, K = camera.viewmats[0].to(x), camera.Ks[0].to(x)
-    seen = (x @ view[:3, :3].T + view[:3, 3]) @ K.T
+    """Where a camera, or that of each of T frames, sees points, (T, n, 3) [m] → (T, n, 2) [px]."""
+    view, K = camera.viewmats.to(x), camera.Ks.to(x)
+    seen = (x @ view[:, :3, :3].mT + view[:, None, :3, 3]) @ K.mT
     return seen[..., :2] / seen[..., 2:]

@@ -222,9 +222,8 @@ class Evaluate:
         """Features of all clips of a motion from all sides, shape (n, D)."""
         found = []
         for k in range(self.cameras):
-            side = dataclasses.replace(
-                shot, azimuth=shot.azimuth + 360 * k / self.cameras, width=self.side, height=self.side, supersample=1
-            )
+            rig = shot.camera.turned(360 * k / self.cameras)
+            side = dataclasses.replace(shot, camera=rig, width=self.side, height=self.side, supersample=1)
             rgb = side.pictures(*cast[2:], trajectory).to(trajectory.x.device)
             found.append(self.video(windows(rgb, self.video.frames, self.stride)))
         return torch.cat(found)

@@ -9,14 +9,15 @@ from typing import Any
 from diffuphy.artifact import SCRATCH, Done, Stage, Store, check_names
 from diffuphy.metrics.score import Scores
 from diffuphy.plan import Line, Plan, cost_lines, make_plan, predicted, pruned_lines, stage_lines
+from diffuphy.render.views import Views
 from diffuphy.types import Clip, Errors, Gaussians, MaterialField, Particles, Prompt, Trajectory
 
 log = logging.getLogger(__name__)
 
 
 def stages(components: dict[str, Any]) -> list[Stage]:
-    """Prompt → Gaussians → particles → material → trajectory → clip; beside them how wrong and how good the film
-    is."""
+    """Prompt → Gaussians → particles → material → trajectory → clip; beside them further views, and how wrong and how
+    good the film is."""
     c = components
     table = [
         Stage("prompt", Prompt, c["prompt"]),
@@ -24,8 +25,10 @@ def stages(components: dict[str, Any]) -> list[Stage]:
         Stage("particles", Particles, c["particles"], ("gaussians", "prompt.motion")),
         Stage("material", MaterialField, c["material"], ("prompt.look", "prompt.motion", "gaussians", "particles")),
         Stage("trajectory", Trajectory, c["trajectory"], ("prompt.motion", "particles", "material")),
-        Stage("clip", Clip, c["clip"], ("gaussians", "particles", "trajectory")),
+        Stage("clip", Clip, c["clip"], ("gaussians", "particles", "trajectory", *painted(c["clip"]))),
     ]
+    if getattr(c["clip"], "also", ()):
+        table.append(Stage("views", Views, c["clip"].others, ("gaussians", "particles", "trajectory", "material")))
     if "errors" in c and c["errors"].error == "on":
         made_of = ("prompt.motion", "particles", "material", "trajectory")
         table.append(Stage("errors", Errors, c["errors"], made_of))
@@ -33,6 +36,11 @@ def stages(components: dict[str, Any]) -> list[Stage]:
         made_of = ("prompt.look", "prompt.motion", "gaussians", "particles", "material", "trajectory", "clip")
         table.append(Stage("evaluate", Scores, c["evaluate"], made_of))
     return table
+
+
+def painted(film: Any) -> tuple[str, ...]:
+    """What a film of the material asks for besides; nothing of a component of somebody else's making."""
+    return ("material",) if getattr(film, "matter", False) else ()
 
 
 def last(table: list[Stage], until: str) -> str:
@@ -70,7 +78,8 @@ def run(
     known = len(Particles.load(cached["particles"])) if "particles" in cached else None
     cost = predicted(plan.components, words, particles=known, device=store.device)
     running = stage_lines(table, cached, until, force, cost)
-    plan = Plan(plan.components, (*running, *cost_lines(running, cost), *plan.lines))
+    seen = Line.kept("viewer", store.watch is not None, "what training has so far, in a browser", "viewer=off")
+    plan = Plan(plan.components, (*running, *cost_lines(running, cost), *plan.lines, seen))
     log.info("%s", plan)
     if run_dir is not None:
         run_dir.mkdir(parents=True, exist_ok=True)

@@ -24,6 +24,8 @@ from diffuphy.workspace import Workspace
 log = logging.getLogger(__name__)
 THREADS = 2
 """Clips simulated at once on the CPU; the scores do not depend on it."""
+FEW = 6
+"""Choices of laws whose stiffness is sought more finely than the grid."""
 
 Pair = tuple[tuple[str, float], ...]
 """Plastic law and log10 E [Pa] of each region."""
@@ -37,7 +39,7 @@ def scan(
     weight: Weight,
     work: Workspace,
     known: Sequence[float] = (),
-    few: int = 6,
+    few: int = FEW,
 ) -> list[list[dict[str, Any]]]:
     """All combinations of ``table.plastic`` × ``grid`` over the regions, simulated, filmed and scored.
 

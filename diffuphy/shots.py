@@ -7,8 +7,10 @@ import torch
 from torch import Tensor
 
 from diffuphy.render import orbit, render_gaussians
-from diffuphy.render.clip import Film, limit_stretch
-from diffuphy.render.floor import Backdrop
+from diffuphy.render.clip import Film
+from diffuphy.render.floor import Studio
+from diffuphy.render.kinematics import limit_stretch
+from diffuphy.render.rigs import frame_of
 from diffuphy.render.skin import Skin
 from diffuphy.types import Camera, Gaussians, Particles, Trajectory
 from diffuphy.workspace import Workspace
@@ -25,16 +27,18 @@ class Shot(Film):
     of: Trajectory | None = None
     """The motion that the camera frames; None is the one that is filmed."""
 
-    def camera(self, trajectory: Trajectory) -> Camera:
-        return super().camera(self.of or trajectory)
+    def cameras(self, trajectory: Trajectory, particles: Particles) -> Camera:
+        return super().cameras(self.of or trajectory, particles)
 
-    def _studio(self, camera: Camera, trajectory: Trajectory) -> Backdrop:
-        return super()._studio(camera, self.of or trajectory)
+    def _studio(self, trajectory: Trajectory) -> Studio:
+        return super()._studio(self.of or trajectory)
 
     @classmethod
     def like(cls, film: Film, of: Trajectory, **changes: object) -> "Shot":
-        """``film`` with other settings, framed for ``of``."""
-        settings = {f.name: getattr(film, f.name) for f in dataclasses.fields(Film)}
+        """``film`` in its own colours on something opaque, with other settings, framed for ``of``."""
+        settings = {f.name: getattr(film, f.name) for f in dataclasses.fields(Film)} | {"view": "colour", "also": ()}
+        if film.background == "transparent":
+            settings["background"] = (1.0, 1.0, 1.0)
         return cls(**settings | changes, of=of)  # type: ignore[arg-type]
 
     def reduced(self, side: int) -> "Shot":
@@ -51,11 +55,11 @@ class Shot(Film):
     def cover(self, gaussians: Gaussians, particles: Particles, trajectory: Trajectory) -> Tensor:
         """Coverage of the object in each frame, without floor and shadow, shape (T, H, W)."""
         plain = dataclasses.replace(self, supersample=1)
-        skin, camera = Skin.bind(gaussians, particles, self.neighbours), plain.camera(trajectory)
+        skin, cameras = Skin.bind(gaussians, particles, self.neighbours), plain.cameras(trajectory, particles)
         frames = []
-        for x, F in zip(trajectory.x, trajectory.F, strict=True):
+        for t, (x, F) in enumerate(zip(trajectory.x, trajectory.F, strict=True)):
             means, F_g = skin(x, F)
-            F_g = limit_stretch(F_g, self.stretch)
+            F_g, camera = limit_stretch(F_g, self.stretch), frame_of(cameras, t)
             frames.append(render_gaussians(skin.gaussians, camera, means=means, F=F_g, backend=self.backend).alpha[0])
         return torch.stack(frames).clamp(0, 1)
 

@@ -248,6 +248,8 @@ class Trajectory(Result):
     """Total deformation gradients (they move the Gaussians), shape (T, N, 3, 3)."""
     fps: float
     """Frames per second of physical time [1/s]."""
+    Fe: Tensor | None = None
+    """Elastic deformation gradients (they make the stress), shape (T, N, 3, 3); None where nothing flows: then F."""
 
 
 @dataclass(frozen=True)
@@ -257,7 +259,11 @@ class Clip(Result):
     rgb: Tensor
     """Frames, values in [0, 1], shape (T, H, W, 3)."""
     fps: float
-    """Frames per second [1/s]."""
+    """Frames per second of physical time [1/s]."""
+    slow: float = 1.0
+    """Seconds in which a second of physical time is played [-]: 4 is slow motion, four times."""
+    alpha: Tensor | None = None
+    """Coverage, shape (T, H, W), where the background is transparent; ``rgb`` then stands on white."""
 
 
 @dataclass(frozen=True)

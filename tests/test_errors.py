@@ -134,7 +134,7 @@ def test_projection_is_that_of_the_pinhole():
     """u = f X/Z + c: a point half a metre right of the axis, 2 m away, f = 100 px."""
     K = torch.tensor([[100.0, 0, 32], [0, 100.0, 32], [0, 0, 1]])
     camera = Camera(look_at((0.0, -2.0, 0.0), (0.0, 0.0, 0.0))[None], K[None], 64, 64)
-    torch.testing.assert_close(project(torch.tensor([[0.5, 0.0, 0.0]]), camera), torch.tensor([[57.0, 32.0]]))
+    torch.testing.assert_close(project(torch.tensor([[[0.5, 0.0, 0.0]]]), camera), torch.tensor([[[57.0, 32.0]]]))
 
 
 def test_motion_of_the_draft_is_that_of_the_film_at_the_start():

@@ -15,7 +15,8 @@ import torch
 import warp as wp
 
 from benchmarks.leaving_out import FEATURES, setting
-from diffuphy.mpm.solver import Solver, state_bytes
+from diffuphy.mpm.solver import Solver
+from diffuphy.mpm.state import state_bytes
 from tests.mpm.test_kernels import forward, functions
 
 DONE: dict[str, SimpleNamespace] = {}

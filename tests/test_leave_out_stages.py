@@ -14,16 +14,17 @@ import torch
 
 import diffuphy.fit_material as fit_module
 from diffuphy.artifact import Done
-from diffuphy.export import export
+from diffuphy.deliverables import export
 from diffuphy.losses.velocity import Velocity
 from diffuphy.material.field import harden, prune
 from diffuphy.mpm import rollout
+from diffuphy.mpm.filling import Flood, Rays
 from diffuphy.mpm.sample import Sample
 from diffuphy.plan import Plan
 from diffuphy.probe import Bench
 from diffuphy.render import Film, orbit, render_gaussians, sh
-from diffuphy.render.clip import limit_stretch
 from diffuphy.render.floor import Shadow
+from diffuphy.render.kinematics import limit_stretch
 from diffuphy.types import N_SH, Motion, Trajectory
 from diffuphy.workspace import Workspace
 from tests.mpm.bodies import field as material
@@ -124,11 +125,11 @@ def test_degree_zero_looks_at_no_direction(monkeypatch):
 
 
 def test_a_solid_has_no_interior_to_fill():
-    """A cloud that is dense throughout encloses nothing: both settings give the same particles, bit by bit."""
+    """A cloud that is dense throughout encloses nothing: all settings give the same particles, bit by bit."""
     gaussians, _ = ball(9)
     motion, work = Motion("falling", "", size=0.4), Workspace()
-    filled, bare = (Sample(cells=8, fill=fill)(gaussians, motion, work=work) for fill in ("interior", "none"))
-    assert torch.equal(filled.x, bare.x) and torch.equal(filled.vol, bare.vol)
+    filled, rays, bare = (Sample(cells=8, filling=f)(gaussians, motion, work=work) for f in (Flood(), Rays(), None))
+    assert all(torch.equal(p.x, bare.x) and torch.equal(p.vol, bare.vol) for p in (filled, rays))
 
 
 def still(frames=2):
@@ -158,9 +159,9 @@ def test_gaussians_that_are_not_stretched_are_not_decomposed(monkeypatch):
 
 def test_a_run_that_ends_before_the_film_writes_none(monkeypatch, tmp_path):
     """until=gaussians: no film, no sheet, no report; the module that encodes films is not even imported."""
-    import diffuphy.export as module
+    import diffuphy.deliverables as module
 
-    for name in ("Report", "write_mp4", "contact_sheet", "maps", "views"):
+    for name in ("Report", "write", "contact_sheet", "maps", "views"):
         monkeypatch.setattr(module, name, Forbidden(name))
     folder = tmp_path / "gaussians"
     folder.mkdir()

@@ -12,7 +12,7 @@ from diffuphy.cost import rollouts
 from diffuphy.material import ELASTIC, PLASTIC
 from diffuphy.material.branch import BRANCHES
 from diffuphy.mpm import FrameReport, HalfSpace, Scene, Scheme, simulate
-from diffuphy.mpm.solver import state_bytes
+from diffuphy.mpm.state import state_bytes
 
 
 def best(what: Any, repeat: int) -> float:

@@ -1,5 +1,6 @@
 """The material stage for matter that is known: laws and parameters written out, region by region, nothing is fitted."""
 
+import logging
 import math
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -12,6 +13,8 @@ from diffuphy.material.field import Hypothesis, warm_start
 from diffuphy.material.moduli import check
 from diffuphy.material.plastic import PLASTIC
 from diffuphy.types import Gaussians, Look, MaterialField, Motion, Particles
+
+log = logging.getLogger(__name__)
 
 Vec = tuple[float, float, float]
 
@@ -111,3 +114,17 @@ class StatedMaterial:
         known = {name: value for p in reversed(self.pieces) for name, value in p.theta.items()}
         matter = [Hypothesis(p.elastic, p.plastic, known | p.theta, p.rho) for p in self.pieces]
         return warm_start(self.elastic, self.plastic, label, matter)
+
+
+def stated(
+    pieces: tuple[Piece, ...], elastic: tuple[str, ...] = (), plastic: tuple[str, ...] = (), **fitting: Any
+) -> StatedMaterial:
+    """The stated material of a configuration.
+
+    Args:
+        pieces, elastic, plastic: of ``StatedMaterial``.
+        fitting: settings of a fit, which presets of whole runs change; they are logged, and change nothing.
+    """
+    if fitting:
+        log.info("material: %s not used: the material is stated, nothing is fitted", ", ".join(fitting))
+    return StatedMaterial(pieces, elastic, plastic)

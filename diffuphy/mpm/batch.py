@@ -62,4 +62,5 @@ def rollout_batch(
         options["body"] = lambda t: body(t).repeat(K, 1)
     film = rollout(scene, x.repeat(K, 1), vol.repeat(K), field, scenes=K, velocity=velocity, **options)
     parts = zip(*(t.split(N, dim=1) for t in (film.x, film.v, film.F)), strict=True)
-    return [Trajectory(*part, film.fps) for part in parts]
+    Fe = [None] * K if film.Fe is None else film.Fe.split(N, dim=1)
+    return [Trajectory(*part, film.fps, elastic) for part, elastic in zip(parts, Fe, strict=True)]

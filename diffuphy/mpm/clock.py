@@ -54,6 +54,11 @@ class Clock:
         self.top = rest.max() if scene.scheme.retain > 0.0 or solver.variant.elastic else None
         """Fastest wave at rest [m/s] as a function of the material, if retention or contact go by it."""
 
+    def steer(self, scene: Scene, matter: Matter) -> None:
+        """Go on with the drives of ``scene``, of the same kinds, and with the tags of ``matter``."""
+        self.solver.steer(scene.drives)
+        self.scene, self.matter = scene, matter
+
     @property
     def wave(self) -> float:
         """Fastest wave at rest [m/s]."""

@@ -111,21 +111,41 @@ def pieces(mask: Tensor) -> Tensor:
 
 
 def outside(mask: Tensor, seal: int) -> Tensor:
-    """Cells that can be reached from the rim of the lattice without entering the mask or squeezing through a hole in
-    it.
+    """Cells outside the mask that belong to the rim of the lattice rather than to a room that the mask encloses but
+    for holes up to 2 ``seal`` cells wide.
 
-    The walls are made ``seal`` cells thicker while the outside is flooded, which closes holes up to 2 seal cells
-    wide, and the outside is grown back as much afterwards.
+    A watershed by the distance to the mask, farthest first: the rim and every room that is cut off from all others at
+    that distance grow, one cell across faces at a time, and stop where they meet. So a hole is closed in its middle,
+    and a crevice, which is nowhere wider than at its mouth, belongs to what it opens into (Beucher & Lantuéjoul 1979).
     """
-    wall = grow(mask, seal)
     rim = torch.ones_like(mask)
     rim[1:-1, 1:-1, 1:-1] = False
-    reached = rim & ~wall
-    for _ in range(mask.numel()):
-        more = grow(reached) & ~wall
-        if torch.equal(more, reached):
-            break
-        reached = more
+    out, inside = torch.zeros_like(mask), torch.zeros_like(mask)
+    walls = [mask]
     for _ in range(seal):
-        reached = grow(reached) & ~mask
-    return reached
+        walls.append(grow(walls[-1]))
+    for wall in reversed(walls):
+        out = (out | rim) & ~wall
+        for _ in range(mask.numel()):
+            more = out | (grow(out) & ~wall & ~inside)
+            within = inside | (grow(inside) & ~wall & ~more)
+            if torch.equal(more, out) and torch.equal(within, inside):
+                break
+            out, inside = more, within
+        inside = inside | ~(wall | out)
+    return out
+
+
+def column(mask: Tensor, axis: int, sign: int) -> Tensor:
+    """Looking from each cell along an axis, the cell itself not counted: how often the mask begins, int64.
+
+    Args:
+        sign: 1 looks up the axis, −1 down.
+    """
+    m = mask.flip(axis) if sign < 0 else mask
+    before = torch.zeros_like(m)
+    size = m.shape[axis]
+    before.narrow(axis, 1, size - 1).copy_(m.narrow(axis, 0, size - 1))
+    begins = (m & ~before).long()
+    ahead = begins.flip(axis).cumsum(axis).flip(axis) - begins
+    return ahead.flip(axis) if sign < 0 else ahead

@@ -17,7 +17,7 @@ from diffuphy.compiling import LOCK
 from diffuphy.mpm.active import Active
 from diffuphy.mpm.barrier import Halted, Step
 from diffuphy.mpm.boundary import N_WALL, Boundary, rows, sdf_samples
-from diffuphy.mpm.drive import Drive, drive_rows, make_drives
+from diffuphy.mpm.drive import Drive, drive_rows, drive_signature, make_drives
 from diffuphy.mpm.mirror import Mirrors
 from diffuphy.mpm.span import Span
 from diffuphy.mpm.state import Matter, Rows, view
@@ -88,6 +88,17 @@ class Arguments:
         self.still = all(b.still for b in boundaries)
         self.sdf = self.array(sdf_samples(boundaries), variant.real)
         self._nodes: dict[str, Tensor] = {}
+
+    def steer(self, drives: Sequence[Drive]) -> None:
+        """Take other drives: kernels are compiled for their kinds and regions alone.
+
+        Raises:
+            ValueError: other kinds or regions.
+        """
+        was, now = drive_signature(self.drives), drive_signature(drives)
+        if was != now:
+            raise ValueError(f"steering must keep the kinds and regions of drives, {was}, got {now}")
+        self.drives = tuple(drives)
 
     def array(self, data: np.ndarray, kind: Any) -> wp.array:
         """Numbers as a Warp array on the device."""

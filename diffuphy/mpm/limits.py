@@ -3,6 +3,8 @@ fit searches. What is allowed and seldom meant is said."""
 
 import logging
 import math
+from collections.abc import Sequence
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -85,3 +87,44 @@ def say_small(scene: Scene, x: Tensor, vol: Tensor) -> None:
             "a dx of at most %.3g m, or contact='rigid' (docs/numerics/stability.md)",
             float(across.min()), "xyz"[int(across.argmin())], RESTFUL, scene.dx * float(across.min()) / RESTFUL,
         )  # fmt: skip
+
+
+def check_options(
+    scene: Scene,
+    gather: Sequence[str],
+    diagnose: bool,
+    report: Any,
+    segment: int | None,
+    window: int | None,
+    scenes: int,
+    particles: int,
+    threads: int | None,
+) -> None:
+    """Refuse options of ``rollout.simulate`` that contradict each other.
+
+    Raises:
+        ValueError: naming the option and what to give instead.
+    """
+    if gather and report is None:
+        raise ValueError(f"gather = {tuple(gather)} fills the reports of frames; give a list as report")
+    if diagnose and report is None:
+        raise ValueError("diagnose fills the reports of frames; give a list as report")
+    for name, value, of in (("segment", segment, "substep"), ("window", window, "frame"), ("threads", threads, "")):
+        if value is not None and value < 1:
+            raise ValueError(f"{name} must be at least 1{' ' * bool(of)}{of}, got {value}")
+    if scenes < 1 or particles % scenes:
+        raise ValueError(f"scenes must divide the number of particles, got scenes = {scenes} and {particles} particles")
+    if scenes > 1 and (gather or diagnose):
+        raise ValueError("gather and diagnose sum over one scene; run the scenes of a batch one by one for that")
+    if scenes > 1 and scene.bounds is not None:
+        raise ValueError("a batch of scenes has no bounds: its scenes must keep the same particles; set bounds to None")
+
+
+def check_steering(steer: Any, grad: bool, scenes: int) -> None:
+    """Refuse to steer what cannot be.
+
+    Raises:
+        ValueError: with gradients, since a backward pass runs frames again with the drives they had; or in a batch.
+    """
+    if steer is not None and (grad or scenes > 1):
+        raise ValueError("steer changes drives while a simulation runs, which grad = True and scenes > 1 do not allow")

@@ -13,12 +13,12 @@ from diffuphy.material import make_mixture, rate_gate
 from diffuphy.mpm.clock import Clock
 from diffuphy.mpm.controls import Controls
 from diffuphy.mpm.diagnostics import balance
-from diffuphy.mpm.drive import tags
+from diffuphy.mpm.drive import Drive, tags
 from diffuphy.mpm.frame import joined
 from diffuphy.mpm.gather import Gather, Sums, check_gather
 from diffuphy.mpm.kernels import LEFT
 from diffuphy.mpm.leaving import Members
-from diffuphy.mpm.limits import check_limits, check_velocity, say_small
+from diffuphy.mpm.limits import check_limits, check_options, check_steering, check_velocity, say_small
 from diffuphy.mpm.report import FrameReport
 from diffuphy.mpm.scene import Scene
 from diffuphy.mpm.solver import Body, Solver, backward_bytes
@@ -28,6 +28,9 @@ from diffuphy.mpm.trouble import Trouble, blame, trouble_of
 from diffuphy.types import MaterialField, Trajectory
 
 log = logging.getLogger(__name__)
+
+Steering = Callable[[State], Sequence[Drive]]
+"""Drives of the frame that begins with a state."""
 
 GROWTHS = 6
 """How often the block of a frame may be enlarged, each time twice as much, before the particles are taken to have
@@ -55,7 +58,8 @@ def rollout(scene: Scene, x: Tensor, vol: Tensor, field: MaterialField, **option
     """
     states = list(simulate(scene, x, vol, field, **options))
     x, v, F = (torch.stack([getattr(s, name) for s in states]) for name in ("x", "v", "F"))
-    return Trajectory(x, v, F, scene.fps)
+    Fe = [s.Fe for s in states if s.Fe is not None]
+    return Trajectory(x, v, F, scene.fps, torch.stack(Fe) if Fe else None)
 
 
 def simulate(
@@ -80,6 +84,7 @@ def simulate(
     diagnose: bool = False,
     scenes: int = 1,
     threads: int | None = None,
+    steer: Steering | None = None,
 ) -> Iterator[State]:
     """The states at the frames of a scene, one after the other, the initial one first.
 
@@ -110,6 +115,8 @@ def simulate(
             touch and share Δt and the block of nodes. See ``rollout_batch``.
         threads: threads that work on a CPU, by default one for every core if there are THREADED particles or more. The
             result depends on their number by rounding only, and on nothing else.
+        steer: f(state) → drives of the frame that begins with it, after those of the scene: their kinds and regions
+            are always the same, all else may change from frame to frame. ``where`` speaks of initial positions.
 
     Raises:
         ValueError: shapes, precisions or values that make no simulation; an unstable ``dt``.
@@ -120,7 +127,8 @@ def simulate(
     check(x, vol, field)
     check_velocity(velocity, len(x))
     check_gather(gather)
-    _check_options(scene, gather, diagnose, report, segment, window, scenes, len(x), threads)
+    check_options(scene, gather, diagnose, report, segment, window, scenes, len(x), threads)
+    check_steering(steer, grad, scenes)
     mixture = make_mixture(tuple(field.elastic), tuple(field.plastic), REAL[x.dtype], tuple(field.branches))
     check_limits(field, mixture.params)
     say_small(scene, x, vol)
@@ -130,9 +138,14 @@ def simulate(
         state = initial_state(scene, x if grad else x.detach(), matter, mixture, first, scenes)
     else:
         check_state(state, mixture)
-    if scene.drives:
-        there = placed(scene, x, matter.vol).detach()
-        matter = dataclasses.replace(matter, tag=tags(scene.drives, there, matter.m.detach()))
+    own = scene.drives
+
+    def driven() -> tuple[Scene, Matter]:
+        drives = (*own, *steer(state)) if steer is not None else own
+        tag = tags(drives, placed(scene, x, matter.vol).detach(), matter.m.detach()) if drives else None
+        return dataclasses.replace(scene, drives=drives), dataclasses.replace(matter, tag=tag)
+
+    scene, matter = driven()
     members = Members(scene)
 
     start_x = state.x.detach()
@@ -157,6 +170,10 @@ def simulate(
             state = dataclasses.replace(state, time=state.time + 1.0 / scene.fps)
             yield state
             continue
+        if steer is not None:
+            scene, matter = driven()
+            part = members.matter(matter)
+            clock.steer(scene, part)
         start, now = members.state(state), part
         if dt_ref is not None and mixture.is_plastic:
             step = clock.span(start).dt
@@ -178,32 +195,6 @@ def simulate(
             clock = clock_of(part) if len(part.m) else clock
         if window is not None and (frame + 1) % window == 0:
             state = State(*(None if t is None else t.detach() for t in state.tensors()), state.time)  # type: ignore[arg-type]
-
-
-def _check_options(
-    scene: Scene,
-    gather: Sequence[str],
-    diagnose: bool,
-    report: Any,
-    segment: int | None,
-    window: int | None,
-    scenes: int,
-    particles: int,
-    threads: int | None,
-) -> None:
-    if gather and report is None:
-        raise ValueError(f"gather = {tuple(gather)} fills the reports of frames; give a list as report")
-    if diagnose and report is None:
-        raise ValueError("diagnose fills the reports of frames; give a list as report")
-    for name, value, of in (("segment", segment, "substep"), ("window", window, "frame"), ("threads", threads, "")):
-        if value is not None and value < 1:
-            raise ValueError(f"{name} must be at least 1{' ' * bool(of)}{of}, got {value}")
-    if scenes < 1 or particles % scenes:
-        raise ValueError(f"scenes must divide the number of particles, got scenes = {scenes} and {particles} particles")
-    if scenes > 1 and (gather or diagnose):
-        raise ValueError("gather and diagnose sum over one scene; run the scenes of a batch one by one for that")
-    if scenes > 1 and scene.bounds is not None:
-        raise ValueError("a batch of scenes has no bounds: its scenes must keep the same particles; set bounds to None")
 
 
 def _threads(threads: int | None, particles: int) -> int:

@@ -4,17 +4,22 @@ lattice cell."""
 import dataclasses
 import logging
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import torch
 from torch import Tensor
 
-from diffuphy.mpm.fill import Lattice, density, grow, outside, pieces
+from diffuphy.mpm.fill import Lattice, density, grow, pieces
+from diffuphy.mpm.filling import Filling, Flood
 from diffuphy.types import Gaussians, Motion, Particles
 from diffuphy.workspace import Workspace
 
 logger = logging.getLogger(__name__)
+
+BAND_LIMIT = 0.3
+"""Variance that pictures of Gaussians have beside that of the Gaussians [px²]: the dilation of all rasterisers since
+Kerbl et al. (2023)."""
 
 
 @dataclass(frozen=True)
@@ -33,13 +38,16 @@ class Sample:
     """Particles of an object.
 
     The opaque Gaussians are scaled to metres; a lattice of ``per_cell`` cells a grid cell is laid over them; cells in
-    which their density exceeds ``threshold`` are matter, and with ``fill="interior"`` so are the cells they enclose.
+    which their density exceeds ``threshold`` are matter, and so are the cells that they enclose (``filling``).
     Each such cell becomes one particle: at the most opaque Gaussian in it, or at a jittered point, with the volume of
     the cell. Cells are judged by their centres, so the volumes add up to that of the body within the surface d =
     threshold, which lies one to two standard deviations outside the outermost centres.
+
+    Pictures add ``BAND_LIMIT`` pixels squared to the variance of every Gaussian, and Gaussians that were fitted to
+    pictures are too thin by as much; it is given back to them before they are judged.
     """
 
-    VERSION = 1
+    VERSION = 2
 
     cells: int = 28
     """Grid cells along the longest side; the grid spacing that goes with the particles is their spacing ·
@@ -49,14 +57,15 @@ class Sample:
     opacity: float = 0.3
     """Gaussians below this opacity are not matter [-]."""
     threshold: float = 0.5
-    """Density from which a cell is matter [-]: about where half of the light is stopped."""
+    """Density from which a cell is matter [-]: about where half of the light is stopped. One value for all objects:
+    the volumes of the library are right to 4 % with it (``docs/benchmarks/filling.md``)."""
+    pixel: float | None = None
+    """Side of a pixel, at the object, of the pictures that the Gaussians were fitted to [object units]; 0 takes them as
+    they are. None: that of the fit in the same run, 0 for given ones."""
     stray: float = 0.01
     """Connected pieces with less than this share of the opaque Gaussians are dropped [-]."""
-    fill: Literal["interior", "none"] = "interior"
-    """Whether what is enclosed becomes solid."""
-    seal: float = 0.1
-    """Holes in a shell up to this share of the longest side are closed while deciding what is enclosed [-]: cameras
-    never see every part of a body, and a mug is open much wider."""
+    filling: Filling | None = field(default_factory=Flood)
+    """Decides which enclosed cells become solid: ``Flood``, ``Rays`` as in PhysGaussian; None leaves shells hollow."""
     jitter: float = 0.5
     """Range of the random shift of filler particles [lattice cells]; breaks the pattern of a lattice on a grid."""
     max_particles: int = 12_000
@@ -79,13 +88,10 @@ class Sample:
         for name, share in {"opacity": self.opacity, "stray": self.stray, "jitter": self.jitter}.items():
             if not 0.0 <= share <= 1.0:
                 raise ValueError(f"{name} must be in [0, 1], got {share}")
-        if self.fill not in ("interior", "none") or self.when_full not in ("coarsen", "error"):
-            raise ValueError(
-                f"fill must be 'interior' or 'none' and when_full 'coarsen' or 'error', got {self.fill!r} and "
-                f"{self.when_full!r}"
-            )
-        if not 0.0 <= self.seal < 1.0:
-            raise ValueError(f"seal must be in [0, 1), a share of the longest side, got {self.seal}")
+        if self.when_full not in ("coarsen", "error"):
+            raise ValueError(f"when_full must be 'coarsen' or 'error', got {self.when_full!r}")
+        if not 0.0 <= (self.pixel or 0.0) < math.inf:
+            raise ValueError(f"pixel must be a length of at least 0, got {self.pixel}; None is that of the fit")
 
     def __call__(self, gaussians: Gaussians, motion: Motion, *, work: Workspace) -> Particles:
         """Particles of an object whose longest opaque side is ``motion.size`` metres.
@@ -114,7 +120,7 @@ class Sample:
             dropped,
             len(g),
         )
-        if self.fill == "interior" and not filled:
+        if self.filling is not None and not filled:
             logger.info("interior fill left out: nothing hollow")
         device = gaussians.means.device
         vol = torch.full((n,), h**3, dtype=torch.float32, device=device)
@@ -166,8 +172,8 @@ class Sample:
         """Matter on a lattice that is coarse enough."""
         h = size / self.cells / self.per_cell ** (1 / 3)
         for _ in range(12):
-            seal = math.ceil(0.5 * self.seal * size / h)
-            solid = self._matter(Lattice.around(x[keep], h, margin=seal + 4), g, x, opaque, keep, scale, seal)
+            margin = self.filling.margin(size, h) if self.filling is not None else 4
+            solid = self._matter(Lattice.around(x[keep], h, margin), g, x, opaque, keep, scale, size)
             if len(solid.cells) <= self.max_particles:
                 return solid
             if self.when_full == "error":
@@ -180,20 +186,22 @@ class Sample:
         raise ValueError(f"no lattice makes {self.max_particles} particles of this object; raise max_particles")
 
     def _matter(
-        self, lattice: Lattice, g: Gaussians, x: Tensor, opaque: Tensor, keep: Tensor, scale: float, seal: int
+        self, lattice: Lattice, g: Gaussians, x: Tensor, opaque: Tensor, keep: Tensor, scale: float, size: float
     ) -> _Solid:
-        """Dense cells and, with ``fill="interior"``, those that they enclose.
+        """Dense cells, those in which a Gaussian has its centre, and those that they enclose."""
+        blur = BAND_LIMIT * (self.pixel or 0.0) ** 2
+        scales = scale * (g.log_scales[keep].double().mul(2).exp() + blur).sqrt()
 
-        What is enclosed is decided with holes of 2 ``seal`` cells closed.
-        """
-        dense = (
-            density(lattice, x[keep], g.quats[keep], scale * g.log_scales[keep].double().exp(), opaque[keep])
-            >= self.threshold
-        )
+        def field(lattice: Lattice) -> Tensor:
+            return density(lattice, x[keep], g.quats[keep], scales, opaque[keep])
+
+        dense = field(lattice) >= self.threshold
         home = lattice.cell(x[keep])
         dense[home[:, 0], home[:, 1], home[:, 2]] = True
-        free = outside(dense, seal) if self.fill == "interior" else ~dense
-        cells = (~free).nonzero()
+        matter = dense
+        if self.filling is not None:
+            matter = dense | self.filling(lattice, dense, field, size)
+        cells = matter.nonzero()
         i, j, k = cells.unbind(1)
         return _Solid(lattice, cells, ~dense[i, j, k])
 

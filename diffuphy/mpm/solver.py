@@ -23,7 +23,7 @@ from diffuphy.mpm.mirror import REACH, Extent, Mirrors, mirrors
 from diffuphy.mpm.program import backward, forward
 from diffuphy.mpm.scheme import Scheme
 from diffuphy.mpm.span import Span
-from diffuphy.mpm.state import REAL, Bars, Matter, Rows, State
+from diffuphy.mpm.state import REAL, Bars, Matter, Rows, State, state_bytes
 from diffuphy.mpm.variant import Variant
 
 SEGMENT_BYTES = 3 * 2**24
@@ -32,11 +32,6 @@ frame of 100 substeps of 8000 particles in float32 fits in two segments."""
 
 Body = Callable[[float], Tensor]
 """Acceleration of every particle at a time [s], shape (N, 3) [m/s²]."""
-
-
-def state_bytes(state: State) -> int:
-    """Memory of one state [byte]."""
-    return sum(t.numel() * t.element_size() for t in state.tensors() if t is not None)
 
 
 def segment_of(steps: int, row: int, budget: int = SEGMENT_BYTES) -> int:
@@ -135,6 +130,10 @@ class Solver:
     def shift(self) -> tuple[float, float, float]:
         """Shift of the lattice that puts a plane of nodes on every mirror wall [Δx]."""
         return self.planes.shift
+
+    def steer(self, drives: Sequence[Drive]) -> None:
+        """Work on with other drives of the same kinds."""
+        self._args.steer(drives)
 
     # ------------------------------------------------------------------ forward
     def advance(

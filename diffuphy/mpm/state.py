@@ -47,8 +47,16 @@ class State:
     @property
     def F(self) -> Tensor:
         """Total deformation gradient, shape (N, 3, 3)."""
-        H = self.He if self.H is None else self.H
-        return H + torch.eye(3, dtype=H.dtype, device=H.device)
+        return _with_identity(self.He if self.H is None else self.H)
+
+    @property
+    def Fe(self) -> Tensor | None:
+        """Elastic deformation gradient, shape (N, 3, 3); None where nothing flows: it is F then."""
+        return None if self.H is None else _with_identity(self.He)
+
+
+def _with_identity(H: Tensor) -> Tensor:
+    return H + torch.eye(3, dtype=H.dtype, device=H.device)
 
 
 @dataclass(frozen=True)
@@ -71,6 +79,11 @@ class Matter:
     def tensors(self) -> tuple[Tensor, ...]:
         """w_e, w_p, θ, m, vol."""
         return self.w_e, self.w_p, self.theta, self.m, self.vol
+
+
+def state_bytes(state: State) -> int:
+    """Memory of one state [byte]."""
+    return sum(t.numel() * t.element_size() for t in state.tensors() if t is not None)
 
 
 class Rows:

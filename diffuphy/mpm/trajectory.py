@@ -17,12 +17,15 @@ from diffuphy.workspace import Workspace
 
 log = logging.getLogger(__name__)
 
+FRAME = ("x", "v", "F", "Fe")
+"""What is kept of a frame; the last where something flows."""
+
 
 @dataclass(frozen=True)
 class Play:
     """Sets particles in motion; what they meet is said by ``scene``, which the components that are played define."""
 
-    VERSION: ClassVar[int] = 5
+    VERSION: ClassVar[int] = 6
 
     seconds: float = 2.0
     """Length of the film in physical time [s]."""
@@ -64,7 +67,7 @@ class Play:
         scene = self.scene(motion, particles)
         dtype = torch.float64 if self.double else particles.x.dtype
         saved = work.load()
-        shots = list(zip(*(saved[k] for k in ("x", "v", "F")), strict=True)) if saved else []
+        shots = _shots(saved) if saved else []
         state = State(**saved["state"]) if saved else None
         reports: list[FrameReport] = []
         states = simulate(
@@ -80,7 +83,7 @@ class Play:
             next(states)  # the state the checkpoint holds
         with work.bar(scene.frames + 1, "simulate", initial=len(shots)) as bar:
             for state in states:
-                shots.append((state.x.float(), state.v.float(), state.F.float()))
+                shots.append(tuple(t.float() for t in (state.x, state.v, state.F, state.Fe) if t is not None))
                 bar.update()
                 if reports:
                     r = reports[-1]
@@ -90,8 +93,8 @@ class Play:
         if reports:
             substeps = [r.n_sub for r in reports]
             log.info("simulate: %d–%d substeps a frame, Δx = %.3g m", min(substeps), max(substeps), scene.dx)
-        x, v, F = (torch.stack(parts) for parts in zip(*shots, strict=True))
-        return Trajectory(x, v, F, self.fps)
+        x, v, F, *Fe = (torch.stack(parts) for parts in zip(*shots, strict=True))
+        return Trajectory(x, v, F, self.fps, *Fe)
 
 
 @dataclass(frozen=True)
@@ -114,5 +117,9 @@ class Simulate(Play):
 
 
 def _checkpoint(shots: list[tuple], state: State) -> dict[str, Any]:
-    x, v, F = (torch.stack(parts) for parts in zip(*shots, strict=True))
-    return {"x": x, "v": v, "F": F, "state": {f.name: getattr(state, f.name) for f in dataclasses.fields(state)}}
+    frames = dict(zip(FRAME, (torch.stack(parts) for parts in zip(*shots, strict=True)), strict=False))
+    return {**frames, "state": {f.name: getattr(state, f.name) for f in dataclasses.fields(state)}}
+
+
+def _shots(saved: dict[str, Any]) -> list[tuple]:
+    return list(zip(*(saved[k] for k in FRAME if k in saved), strict=True))

@@ -3,6 +3,8 @@
 read        file → ``SceneFile``, every key checked, defaults filled in
 scene       file → the component that plays it (``mpm.stated.Stated``)
 material    file → the component that says what it is made of (``material.stated.StatedMaterial``)
+sample      file → the component that makes its particles, filled as it says (``mpm.sample.Sample``)
+gaussians   file → the component that reads a trained scene as it prepares it (``text2gs.load.LoadGaussians``)
 table       what every value means here, and what differs on purpose
 """
 
@@ -10,14 +12,18 @@ import logging
 from typing import Any
 
 from diffuphy.material.stated import StatedMaterial
+from diffuphy.mpm.sample import Sample
 from diffuphy.mpm.scheme import Scheme
 from diffuphy.mpm.stated import Stated
+from diffuphy.physgaussian.grains import grains
 from diffuphy.physgaussian.matter import matter
+from diffuphy.physgaussian.preparation import prepared
 from diffuphy.physgaussian.scene_file import SceneFile, read
 from diffuphy.physgaussian.table import table
 from diffuphy.physgaussian.world import world
+from diffuphy.text2gs.load import LoadGaussians
 
-__all__ = ["SceneFile", "material", "played", "read", "scene", "table"]
+__all__ = ["SceneFile", "gaussians", "material", "played", "read", "sample", "scene", "table"]
 
 log = logging.getLogger(__name__)
 
@@ -89,3 +95,29 @@ def material(file: str | None = None, **fitting: Any) -> StatedMaterial:
     if fitting:
         log.info("material: %s not used: the scene file gives the material, nothing is fitted", ", ".join(fitting))
     return matter(_named(file))
+
+
+def sample(file: str | None = None, **settings: Any) -> Sample:
+    """Component of the particle stage: fills the object as the scene file at a path says.
+
+    Args:
+        settings: of ``Sample``, in the place of those that the file implies.
+
+    Raises:
+        ValueError: see ``read``, and for a file that fills nothing.
+    """
+    return grains(_named(file), **settings)
+
+
+def gaussians(path: str, file: str | None = None, **settings: Any) -> LoadGaussians:
+    """Component of the Gaussians' stage: a trained scene, prepared as the scene file at a path says.
+
+    Args:
+        path: of the Gaussians: a file, or the folder of a trained scene.
+        file: path of the scene file.
+        settings: of ``LoadGaussians``, in the place of those that the file implies; None keeps the file's.
+
+    Raises:
+        ValueError: see ``read`` and ``LoadGaussians``.
+    """
+    return prepared(path, _named(file), **{name: value for name, value in settings.items() if value is not None})

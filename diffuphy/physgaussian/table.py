@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from diffuphy.mpm.scene import STABLE
+from diffuphy.physgaussian.grains import meaning as filling
 from diffuphy.physgaussian.matter import STRENGTHS, SUBSTANCES, matter
 from diffuphy.physgaussian.scene_file import SceneFile
 from diffuphy.physgaussian.world import world
@@ -102,11 +103,11 @@ def _motion(file: SceneFile) -> Iterator[Row]:
 
 
 def _conditions(file: SceneFile, particles: int | None) -> Iterator[Row]:
-    for meaning in world(file, particles).meanings:
-        c = meaning.condition
-        kinds = ", ".join(type(thing).__name__ for thing in meaning.made) or "nothing"
+    for played in world(file, particles).meanings:
+        c = played.condition
+        kinds = ", ".join(type(thing).__name__ for thing in played.made) or "nothing"
         there = ", ".join(f"{k} {_text(v)}" for k, v in c.values.items())
-        yield Row(f"{c.place} {c.kind}", there, f"{kinds}: {meaning.remark}")
+        yield Row(f"{c.place} {c.kind}", there, f"{kinds}: {played.remark}")
 
 
 def _rest(file: SceneFile, particles: int | None) -> Iterator[Row]:
@@ -120,7 +121,7 @@ def _rest(file: SceneFile, particles: int | None) -> Iterator[Row]:
             idle = key.startswith("rotation") and not any(file["rotation_degree"])
             yield _row(file, key, "nothing is turned" if idle else here.format(_text(file[key])))
     if file.filling is not None:
-        yield Row("particle_filling", f"{len(file.filling)} settings", "not used: sample.fill=interior needs none")
+        yield Row("particle_filling", f"{len(file.filling)} settings", filling(file))
     if viewed := [key for key in VIEWED if key in file.given]:
         there = ", ".join(_text(file[key]) for key in viewed)
         yield Row(", ".join(viewed), there, "not used: the film has one camera that sees the whole motion")

@@ -16,7 +16,7 @@ from diffuphy.plan.accuracy import error_lines, judged, refined
 from diffuphy.plan.learning import loss_lines, model_lines
 from diffuphy.plan.line import Line, Plan
 from diffuphy.plan.materials import experts, mixture_lines, pruned_lines
-from diffuphy.plan.pictures import film_lines, object_lines
+from diffuphy.plan.pictures import film_lines, object_lines, sized
 from diffuphy.plan.scenery import scene_lines, scheme_lines
 from diffuphy.plan.scores import score_lines, scored
 from diffuphy.plan.wording import prompt_lines
@@ -43,7 +43,7 @@ def make_plan(
     components, chosen = refined(components, prompt, accuracy, device)
     elastic, plastic, why = experts(components["material"], prompt.motion)
     material = dataclasses.replace(components["material"], elastic=elastic, plastic=plastic)
-    resolved = components | {"material": material} | judged(components)
+    resolved = components | {"material": material} | judged(components) | sized(components)
     resolved |= scored(resolved)
     lines = [
         *prompt_lines(prompt),

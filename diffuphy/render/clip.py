@@ -1,53 +1,57 @@
 """The last stage: the film."""
 
+import dataclasses
+import math
 from dataclasses import dataclass, field
-from fractions import Fraction
-from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar, Literal
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from diffuphy.render.around import Around, Scenery, with_scenery
-from diffuphy.render.cameras import fit
+from diffuphy.render.brush import Brush, brush, in_studio
+from diffuphy.render.colormap import lay
 from diffuphy.render.draw import render_gaussians
-from diffuphy.render.floor import Backdrop, Shadow, backdrop, pool
+from diffuphy.render.fillers import Fillers, with_fillers
+from diffuphy.render.floor import Shadow, Studio, pool
 from diffuphy.render.image import Rasteriser
+from diffuphy.render.kinematics import limited
+from diffuphy.render.paint import Moment, check_view, wants_matter
+from diffuphy.render.paths import path
 from diffuphy.render.raster import Warp
+from diffuphy.render.rigs import Resting, Rig, checked, frame_of
 from diffuphy.render.skin import Skin
-from diffuphy.types import Camera, Clip, Gaussians, Particles, Trajectory
+from diffuphy.render.video import contact_sheet
+from diffuphy.types import Camera, Clip, Gaussians, MaterialField, Particles, Trajectory
 from diffuphy.workspace import Workspace
 
-STRAYS = 0.005
-"""Share of the particles at each edge of the object that framing ignores, so that a crumb flung far away does not
-shrink the film."""
+if TYPE_CHECKING:
+    from diffuphy.render.views import OtherViews
 
 
 @dataclass(frozen=True)
 class Film:
-    """Films a trajectory with one resting camera: particles carry the Gaussians, the floor carries their shadow."""
+    """Films a trajectory: particles carry the Gaussians, the floor carries their shadow, a rig carries the camera."""
 
-    VERSION: ClassVar[int] = 1
+    VERSION: ClassVar[int] = 2
 
     width: int = 384
     """Width [px]; even, as video codecs need."""
     height: int = 384
     """Height [px]; even."""
-    azimuth: float = -60.0
-    """Where the camera stands, from +x towards +y [deg]."""
-    elevation: float = 14.0
-    """How high it stands [deg]; low, so that heights above the floor read well."""
-    fov: float = 32.0
-    """Angle across the shorter side [deg]; about that of a portrait lens."""
-    distance: float | None = None
-    """Distance from the middle of the motion [m]; none frames the whole path of the object."""
-    margin: float = 1.15
-    """Size of the picture over the size of what it must show [-]."""
+    camera: Rig = field(default_factory=Resting)
+    """What holds the camera: resting, on a turntable, following, in a captured place, or step by step."""
+    view: str = "colour"
+    """What is shown: colour, depth, normals, material, E, stress, J or velocity."""
+    also: tuple[str, ...] = field(default=(), metadata={"runtime": True})
+    """Further views of the same motion, each a film of its own beside the main one; none costs nothing."""
+    legend: bool = True
+    """Lay the scale of a view that has one into the picture."""
     floor: bool = True
     """Draw the floor at z = 0 and the shadow."""
-    background: tuple[float, float, float] | None = None
-    """One colour behind everything, rgb in [0, 1]; none is a soft studio backdrop."""
+    background: tuple[float, float, float] | Literal["transparent"] | None = None
+    """One colour behind everything, rgb in [0, 1], or "transparent", for PNG and WebM; none is a soft studio
+    backdrop."""
     shadow: float = 0.5
     """Darkness of the shadow under a thick body [-]; 0 draws none."""
     supersample: int = 1
@@ -57,172 +61,113 @@ class Film:
     stretch: float = 3.0
     """A Gaussian is drawn at most this many times longer than at rest [-]: flowing matter shears without bound, the
     patch of it that one Gaussian stands for does not."""
+    slow: float = 1.0
+    """Seconds in which a second of physical time is played [-]; 4 is slow motion, four times, and is smooth with
+    scene.fps four times as high."""
+    fillers: bool = True
+    """Draw the inside of a body where it has opened (``render.fillers``)."""
     around: Around | None = None
     """What stands around the object and does not move; None is nothing but the studio."""
     backend: Rasteriser = field(default_factory=Warp)
     """The rasteriser."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "also", tuple(self.also))
+        check_view(self.view, self.also)
         if self.width < 2 or self.height < 2 or self.width % 2 or self.height % 2:
             raise ValueError(f"width and height must be even and positive, got {self.width} x {self.height}")
-        if not (-90 < self.elevation < 90 and 0 < self.fov < 180):
-            raise ValueError(
-                f"elevation must be in (-90, 90) and fov in (0, 180) degrees, got {self.elevation} and {self.fov}"
-            )
-        if self.distance is not None and self.distance <= 0:
-            raise ValueError(f"distance must be positive [m] or none, got {self.distance}")
-        if self.margin < 1 or self.stretch < 1 or self.supersample < 1 or self.neighbours < 1:
-            raise ValueError(f"margin, stretch, supersample and neighbours must be at least 1, got {self}")
+        if self.stretch < 1 or self.supersample < 1 or self.neighbours < 1:
+            raise ValueError(f"stretch, supersample and neighbours must be at least 1, got {self}")
         if not 0 <= self.shadow <= 1:
             raise ValueError(f"shadow must be in [0, 1], got {self.shadow}")
+        if not 0 < self.slow < math.inf:
+            raise ValueError(f"slow must be positive, 1 is as fast as physics, got {self.slow}")
+        if isinstance(self.background, str) and self.background != "transparent":
+            raise ValueError(f'background must be [r, g, b], "transparent" or null, got {self.background!r}')
 
-    def __call__(self, gaussians: Gaussians, particles: Particles, trajectory: Trajectory, *, work: Workspace) -> Clip:
-        """One picture for each frame of the trajectory."""
+    @property
+    def matter(self) -> bool:
+        """Whether it asks for the material."""
+        return wants_matter(self.view)
+
+    @property
+    def others(self) -> "OtherViews":
+        """The component that films ``also``."""
+        from diffuphy.render.views import OtherViews
+
+        return OtherViews(dataclasses.replace(self, view="colour", also=()), self.also)
+
+    def __call__(
+        self,
+        gaussians: Gaussians,
+        particles: Particles,
+        trajectory: Trajectory,
+        field: MaterialField | None = None,
+        *,
+        work: Workspace,
+    ) -> Clip:
+        """One picture for each frame of the trajectory; ``field`` for views of the material."""
         with torch.no_grad():
-            skin = with_scenery(Skin.bind(gaussians, particles, self.neighbours), self.around, particles)
-            camera = self.camera(trajectory)
-            studio = self._studio(camera, trajectory)
-            shadow = (
-                Shadow.over(trajectory.x, particles.vol, strength=self.shadow)
-                if self.floor and self.shadow > 0
-                else None
-            )
-            frames = len(trajectory.x)
-            rgb = torch.empty(frames, self.height, self.width, 3)
+            skin = Skin.bind(gaussians, particles, self.neighbours)
+            skin, fillers = with_fillers(skin, particles) if self.fillers else (skin, None)
+            skin = with_scenery(skin, self.around, particles)
+            cameras = self.cameras(trajectory, particles)
+            draws = brush(self.view, skin, cameras, trajectory, field)
+            studio, shadow = self._studio(trajectory), self._shadow(trajectory, particles)
+            empty = studio.empty(cameras) if len(cameras) == 1 else None
+            frames, counts = len(trajectory.x), list[int]()
+            picture = torch.empty(frames, self.height, self.width, 4 if self.background == "transparent" else 3)
             with work.bar(frames, "film") as bar:
                 for t in range(frames):
-                    rgb[t] = self._frame(skin, trajectory.x[t], trajectory.F[t], camera, studio, shadow)
+                    camera = frame_of(cameras, t)
+                    behind = studio.behind(empty or studio.empty(camera), shadow, trajectory.x[t])
+                    picture[t], cut = self._frame(skin, fillers, Moment.of(trajectory, t), camera, behind, draws)
+                    counts.append(cut)
+                    work.log(t, limited=cut)
                     bar.update()
-            work.image("film", contact_sheet(rgb, fps=trajectory.fps))
-        return Clip(rgb, trajectory.fps)
+            if self.legend and (card := draws.legend(self.height)) is not None:
+                picture = lay(picture, card)
+            most = {"limited_frames": sum(n > 0 for n in counts), "limited_most": max(counts)}
+            work.summary(most | {"gaussians": len(skin.gaussians)})
+            clip = Clip(picture[..., :3], trajectory.fps, self.slow, picture[..., 3] if picture.shape[3] > 3 else None)
+            work.image("film", contact_sheet(clip.rgb, fps=trajectory.fps))
+        return clip
 
-    def camera(self, trajectory: Trajectory) -> Camera:
-        """The resting camera, at ``supersample`` times the size of the film."""
+    def cameras(self, trajectory: Trajectory, particles: Particles) -> Camera:
+        """The camera, or that of every frame, at ``supersample`` times the size of the film."""
         s = self.supersample
-        return fit(
-            path(trajectory, floor=self.floor),
-            self.azimuth,
-            self.elevation,
-            fov=self.fov,
-            width=self.width * s,
-            height=self.height * s,
-            margin=self.margin,
-            distance=self.distance,
-        )
+        camera = self.camera(trajectory, particles, width=self.width * s, height=self.height * s, floor=self.floor)
+        return checked(camera, len(trajectory.x))
 
-    def _studio(self, camera: Camera, trajectory: Trajectory) -> Backdrop:
+    def _studio(self, trajectory: Trajectory) -> Studio:
         points = path(trajectory, floor=False)
-        centre = (points.amin(0) + points.amax(0)) / 2
-        size = float((points.amax(0) - points.amin(0)).amax().clamp_min(1e-6))
-        studio = backdrop(camera, centre[:2], size, floor=self.floor)
-        if self.background is None:
-            return studio
-        plain = studio.rgb.new_tensor(self.background).expand_as(studio.rgb)
-        return Backdrop(plain, studio.ground, studio.solid)
+        if in_studio(self.view):
+            return Studio.around(points, floor=self.floor, background=self.background)
+        return Studio.around(points, floor=False, background=self.background or (1.0, 1.0, 1.0))
+
+    def _shadow(self, trajectory: Trajectory, particles: Particles) -> Shadow | None:
+        if not (self.floor and self.shadow > 0 and in_studio(self.view)):
+            return None
+        return Shadow.over(trajectory.x, particles.vol, strength=self.shadow)
 
     def _frame(
-        self, skin: Skin | Scenery, x: Tensor, F: Tensor, camera: Camera, studio: Backdrop, shadow: Shadow | None
-    ) -> Tensor:
-        behind = studio.rgb
-        if shadow is not None:
-            behind = behind * (1 - studio.solid * (1 - shadow.cast(x, studio.ground)))[..., None]
-        means, F_g = skin(x, F)
-        image = render_gaussians(
-            skin.gaussians,
-            camera,
-            means=means,
-            F=limit_stretch(F_g, self.stretch),
-            background=behind,
-            backend=self.backend,
-        )
-        return pool(image.rgb[0], self.supersample).clamp(0, 1)
-
-
-def path(trajectory: Trajectory, *, floor: bool) -> Tensor:
-    """Points (M, 3) [m] that the film must show: a box around the object at each frame and, if asked, the floor
-    below it."""
-    x = trajectory.x
-    edges = torch.quantile(x.float(), x.new_tensor([STRAYS, 1 - STRAYS]).float(), dim=1).to(x)  # (2, T, 3)
-    corners = torch.cartesian_prod(*[torch.arange(2, device=x.device)] * 3)  # (8, 3)
-    boxes = edges[corners, :, torch.arange(3, device=x.device)]  # (8, 3, T)
-    points = boxes.movedim(1, -1).reshape(-1, 3)
-    if not floor:
-        return points
-    below = x.mean(1)
-    below[:, 2] = 0
-    return torch.cat([points, below])
-
-
-def limit_stretch(F: Tensor, limit: float) -> Tensor:
-    """F (G, 3, 3) with its singular values cut at ``limit``."""
-    # no singular value exceeds the Frobenius norm: most need no decomposition
-    far = torch.linalg.matrix_norm(F) > limit
-    if not far.any():
-        return F
-    U, S, V = torch.linalg.svd(F[far])
-    F = F.clone()
-    F[far] = (U * S.clamp_max(limit)[:, None]) @ V
-    return F
-
-
-def to_bytes(rgb: Tensor) -> np.ndarray:
-    """Values in [0, 1] as 8-bit integers."""
-    return (rgb.detach().clamp(0, 1) * 255).round().to(torch.uint8).cpu().numpy()
-
-
-def write_mp4(path: Path | str, rgb: Tensor, fps: float) -> None:
-    """Write frames (T, H, W, 3) in [0, 1] as an H.264 film that every browser plays (yuv420p, index at the front).
-
-    Raises:
-        ValueError: an odd side, no frame, or fps that is not positive.
-    """
-    import imageio_ffmpeg
-
-    frames, height, width, _ = rgb.shape
-    if frames < 1 or height % 2 or width % 2:
-        raise ValueError(
-            f"a film needs at least one frame and even sides, got {frames} frames of {width} x {height} px"
-        )
-    if not fps > 0:
-        raise ValueError(f"fps must be positive, got {fps}")
-    writer = imageio_ffmpeg.write_frames(
-        str(path),
-        (width, height),
-        fps=float(Fraction(fps).limit_denominator(1001)),
-        codec="libx264",
-        pix_fmt_out="yuv420p",
-        quality=None,
-        macro_block_size=2,
-        output_params=["-crf", "18", "-preset", "medium", "-movflags", "+faststart"],
-    )
-    writer.send(None)
-    try:
-        for frame in rgb:
-            writer.send(np.ascontiguousarray(to_bytes(frame)))
-    finally:
-        writer.close()
-
-
-def write_png(path: Path | str, rgb: Tensor) -> None:
-    """Write one picture (H, W, 3) in [0, 1]."""
-    from PIL import Image
-
-    Image.fromarray(to_bytes(rgb)).save(path)
-
-
-def contact_sheet(rgb: Tensor, columns: int = 4, frames: int = 8, *, fps: float | None = None) -> Tensor:
-    """Evenly spaced frames of (T, H, W, 3), first and last included, as one picture; with ``fps`` each bears its
-    time [s]."""
-    from PIL import Image, ImageDraw
-
-    count = min(frames, len(rgb))
-    columns = min(columns, count)
-    chosen = [round(k * (len(rgb) - 1) / max(count - 1, 1)) for k in range(count)]
-    height, width = rgb.shape[1:3]
-    sheet = Image.new("RGB", (columns * width, -(-count // columns) * height), "white")
-    for k, t in enumerate(chosen):
-        picture = Image.fromarray(to_bytes(rgb[t]))
-        if fps is not None:
-            ImageDraw.Draw(picture).text((6, 4), f"{t / fps:.2f} s", fill=(60, 60, 60))
-        sheet.paste(picture, (k % columns * width, k // columns * height))
-    return torch.from_numpy(np.array(sheet)).to(torch.float32) / 255
+        self,
+        skin: Skin | Scenery,
+        fillers: Fillers | None,
+        now: Moment,
+        camera: Camera,
+        behind: tuple[Tensor, Tensor | None],
+        draws: Brush,
+    ) -> tuple[Tensor, int]:
+        """One picture (H, W, 3), or (H, W, 4) where the background is transparent; and how many Gaussians are drawn
+        shorter than their matter is stretched."""
+        gaussians, (means, F_g) = draws.gaussians(now), skin(now.x, now.F)
+        if fillers is not None:
+            gaussians, means, F_g = fillers.drawn(gaussians, means, F_g, now.x, now.F)
+        F_g, cut = limited(F_g, self.stretch)
+        image = render_gaussians(gaussians, camera, means=means, F=F_g, backend=self.backend)
+        rest, (back, dark) = 1 - image.alpha[0], behind
+        picture = draws.picture(image, camera) + rest[..., None] * back
+        if dark is not None:
+            picture = torch.cat([picture, (image.alpha[0] + rest * dark)[..., None]], dim=-1)
+        return pool(picture, self.supersample).clamp(0, 1), cut

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import torch
 from torch import Tensor
@@ -99,6 +100,42 @@ def _ground(eye: Tensor, d: Tensor, centre: Tensor, size: float) -> tuple[Tensor
     ground = eye[:2] + distance * d[..., :2]
     radius = torch.linalg.vector_norm(ground - centre, dim=-1, keepdim=True)
     return ground, below * torch.exp(-((radius / (2.5 * size)) ** 2)) * (eye[2] > 0)
+
+
+@dataclass(frozen=True)
+class Studio:
+    """What stands behind the object of a film, for any camera in it."""
+
+    centre: Tensor
+    """Where the floor begins to fade, shape (2,) [m]."""
+    size: float
+    """Size of the scene [m]."""
+    floor: bool = True
+    background: tuple[float, float, float] | Literal["transparent"] | None = None
+    """One colour, nothing at all, or, None, the backdrop and the look of the floor."""
+
+    @classmethod
+    def around(cls, points: Tensor, **settings: Any) -> "Studio":
+        """The studio of a motion that goes through ``points`` (M, 3) [m]."""
+        low, high = points.amin(0), points.amax(0)
+        return cls(((low + high) / 2)[:2], float((high - low).amax().clamp_min(1e-6)), **settings)
+
+    def empty(self, camera: Camera) -> Backdrop:
+        """The studio without object and shadow; white where it is transparent."""
+        studio = backdrop(camera, self.centre, self.size, floor=self.floor)
+        if self.background is None:
+            return studio
+        color = (1.0, 1.0, 1.0) if self.background == "transparent" else self.background
+        return Backdrop(studio.rgb.new_tensor(color).expand_as(studio.rgb), studio.ground, studio.solid)
+
+    def behind(self, empty: Backdrop, shadow: "Shadow | None", x: Tensor) -> tuple[Tensor, Tensor | None]:
+        """Picture (H, W, 3) behind the object, particles at ``x`` (N, 3) [m], and the coverage (H, W) of its shadow
+        where there is nothing else: black of that coverage on white is the picture."""
+        clear = self.background == "transparent"
+        if shadow is None:
+            return empty.rgb, torch.zeros_like(empty.solid) if clear else None
+        dark = empty.solid * (1 - shadow.cast(x, empty.ground))
+        return empty.rgb * (1 - dark)[..., None], dark if clear else None
 
 
 @dataclass(frozen=True)

@@ -49,6 +49,11 @@ class Orbits:
                 f"fov must be in (0, 180) degrees and distance positive, got {self.fov} and {self.distance}"
             )
 
+    @property
+    def pixel(self) -> float:
+        """Side of a pixel at the origin [object units]."""
+        return 2.0 * self.distance * math.tan(math.radians(self.fov) / 2) / self.size
+
     def __call__(self) -> Camera:
         """The bank, C = ``bank`` cameras, ring after ring."""
         rings = self.bank // self.ring

@@ -1,6 +1,7 @@
 """What the optimisation starts from. ``device`` is where a network works, if one is asked; the start is on the CPU."""
 
 import dataclasses
+import logging
 import math
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -13,7 +14,19 @@ from diffuphy.text2gs.params import nearest_distance
 from diffuphy.text2gs.shape_prior import four_sides
 from diffuphy.types import N_SH, Camera, Gaussians, Look
 
+log = logging.getLogger(__name__)
+
 Device = torch.device | str
+
+
+class Start(Protocol):
+    """What an optimisation may start from."""
+
+    def __call__(
+        self, look: Look, guidance: Any, generator: torch.Generator, sh_degree: int = 0, *, device: Device = "cpu"
+    ) -> Gaussians:
+        """Gaussians in the frame of the object, on the CPU."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -119,6 +132,20 @@ class PointECloud:
         low, high = points.aminmax(dim=0)
         points = (points - (low + high) / 2) * (self.length / (high - low).max())
         return cloud(points, colours if self.coloured else None, self.opacity, sh_degree)
+
+
+def point_e(
+    prior: CloudSampler, length: float = 2.0, opacity: float = 0.8, coloured: bool = True, **cloud: Any
+) -> PointECloud:
+    """The ``PointECloud`` of a configuration.
+
+    Args:
+        prior, length, opacity, coloured: of ``PointECloud``.
+        cloud: settings of other starts, which presets of whole runs change; they are logged, and change nothing.
+    """
+    if cloud:
+        log.info("fit.init: %s not used: the prior draws the cloud", ", ".join(cloud))
+    return PointECloud(prior, length, opacity, coloured)
 
 
 def cloud(points: Tensor, colours: Tensor | None, opacity: float, sh_degree: int) -> Gaussians:

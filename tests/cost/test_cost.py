@@ -22,9 +22,8 @@ from diffuphy.material.branch import BRANCHES
 from diffuphy.mpm import HalfSpace, Sample, Scene, Scheme, Solver, simulate
 from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.launch import Bound
-from diffuphy.mpm.solver import state_bytes
 from diffuphy.mpm.span import Span
-from diffuphy.mpm.state import REAL, Rows, initial_state, make_matter
+from diffuphy.mpm.state import REAL, Rows, initial_state, make_matter, state_bytes
 from diffuphy.mpm.trajectory import Simulate
 from diffuphy.plan import make_plan
 from diffuphy.render import Film

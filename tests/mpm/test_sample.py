@@ -50,10 +50,10 @@ def test_a_shell_becomes_a_solid_ball_of_its_volume(n, sigma):
 
 
 def test_what_is_open_or_left_out_stays_hollow():
-    """fill="none" leaves a shell of its own thickness; a bowl has no inside to fill."""
+    """filling=None leaves a shell of its own thickness; a bowl has no inside to fill."""
     shell = sphere(4000)
     solid = MANY(cloud(shell, 0.03), motion(2.0), work=Workspace())
-    hollow = dataclasses.replace(MANY, fill="none")(cloud(shell, 0.03), motion(2.0), work=Workspace())
+    hollow = dataclasses.replace(MANY, filling=None)(cloud(shell, 0.03), motion(2.0), work=Workspace())
     assert float(hollow.x.norm(dim=1).min()) > 0.7 and float(hollow.vol.sum()) < 0.6 * float(solid.vol.sum())
     bowl = shell[shell[:, 2] < 0.0]
     p = MANY(cloud(bowl, 0.03), motion(2.0), work=Workspace())

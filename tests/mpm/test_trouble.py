@@ -10,7 +10,8 @@ import torch
 from diffuphy.mpm import FrameReport, Grid, HalfSpace, Scene, Solver, Span, State, backward_bytes, rollout, simulate
 from diffuphy.mpm.rollout import ROOM, _left_first
 from diffuphy.mpm.scene import STABLE
-from diffuphy.mpm.solver import segment_of, state_bytes
+from diffuphy.mpm.solver import segment_of
+from diffuphy.mpm.state import state_bytes
 from diffuphy.types import SimulationDiverged
 from tests.mpm.bodies import block, field
 

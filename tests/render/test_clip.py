@@ -7,7 +7,9 @@ import pytest
 import torch
 
 from diffuphy.render import Film, contact_sheet, sh, write_mp4, write_png
-from diffuphy.render.clip import limit_stretch, path
+from diffuphy.render.kinematics import limit_stretch
+from diffuphy.render.paths import path
+from diffuphy.render.rigs import Resting
 from diffuphy.types import Clip, Gaussians, Particles, Trajectory
 from diffuphy.workspace import Workspace
 
@@ -123,11 +125,11 @@ def test_settings_are_checked() -> None:
     with pytest.raises(ValueError, match="even"):
         Film(width=385)
     with pytest.raises(ValueError, match="elevation must be in"):
-        Film(elevation=90.0)
+        Resting(elevation=90.0)
     with pytest.raises(ValueError, match="shadow must be in"):
         Film(shadow=2.0)
     with pytest.raises(ValueError, match="distance must be positive"):
-        Film(distance=-1.0)
+        Resting(distance=-1.0)
 
 
 def test_mp4_has_every_frame_and_plays_in_a_browser(tmp_path: Path) -> None:
