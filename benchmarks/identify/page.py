@@ -214,7 +214,7 @@ def resolution(rows: Sequence[Row], out: Path) -> str:
         "Error against run time", "seconds a clip", "worst error over tolerance",
         [Curve(n, sorted(c), k) for k, (n, c) in enumerate(curves.items())],
     )  # fmt: skip
-    head = ("body", "particles", "contact", "error, against two references", "seconds a clip")
+    head = ("body", "particles", "contact", "error, against each reference", "seconds a clip")
     title = "What discretisation does to an estimate"
     return (
         RESOLUTION

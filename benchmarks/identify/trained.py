@@ -83,11 +83,11 @@ def open_rows(out: Path) -> Rows:
 
 
 def stages(rows: Rows, runs: int, steps: int) -> None:
-    """The whole stage, scan and training, as the product runs it; the first half of the runs against the same
+    """The whole stage, scan and training, as the product runs it; the first quarter of the runs against the same
     resolution as well."""
     rubber = SPECIMENS["rubber"]
     for number in range(runs):
-        references: tuple[Reference, ...] = ("fine", "same") if number < (runs + 1) // 2 else ("fine",)
+        references: tuple[Reference, ...] = ("fine", "same") if number < (runs + 3) // 4 else ("fine",)
         for reference in references:
             key = {"way": "stage", "reference": reference, "distance": 0.0, "side": 0, "number": number}
             if not rows.has(**key):
