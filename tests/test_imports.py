@@ -64,7 +64,8 @@ MAY_IMPORT = {
     "making": {"quoting", "settings", "artifact", "plan", "pipeline", "deliverables", "formats", "viewer"},
     "cli": {"quoting", "explain", "making", "artifact", "judgement", "scorecard"},
     "doctor": {"models", "compiling", "making"},
-    "viewer": {"types", "workspace", "geometry", "material", "mpm", "render", "accuracy", "explain", "making"},
+    "viewer": {"types", "workspace", "geometry", "formats", "material", "mpm", "render", "accuracy"}
+    | {"explain", "making"},
     "__init__": {"making"},
     "__main__": {"cli"},
 }
