@@ -1,0 +1,30 @@
+"""Many films by one command, and a table of what each scored. Whatever two of them share is computed once.
+
+    python examples/sweep.py
+    python examples/sweep.py experiment=tiny
+
+is the same as
+
+    python train.py -m prompt="a rubber ball bouncing,a clay ball bouncing" seed=0,1
+    python -m diffuphy.scorecard outputs/runs/a-*-ball-bouncing-*
+"""
+
+import sys
+
+import diffuphy
+
+
+def main(*overrides: str) -> dict[tuple[str, int], float]:
+    heights = {}
+    for material in ("rubber", "clay"):
+        for seed in (0, 1):
+            made = diffuphy.film(f"a {material} ball bouncing", "until=trajectory", f"seed={seed}", *overrides)
+            low = made.result("trajectory").x[:, :, 2].amin(1)  # underside [m]
+            touched = int((low < 0.5 * low[0]).nonzero()[0]) if (low < 0.5 * low[0]).any() else 0
+            heights[material, seed] = float(low[touched:].max() / low[0])
+            print(f"{material}, seed {seed}: comes back to {heights[material, seed]:.0%} of the height of its fall")
+    return heights
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
