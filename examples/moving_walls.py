@@ -1,53 +1,81 @@
-"""Walls that move: a drum turns with jelly in it, a plate comes down on clay. Each wall is one line.
+"""Walls that move: a pin rolls over dough, then a plate sets on it. Each wall is one line; the film shows them too.
 
-python examples/moving_walls.py
-python examples/moving_walls.py 800 12                 # particles, frames
+    python examples/moving_walls.py                                  # 6000 particles, 1.5 s at 30 frames a second
+    python examples/moving_walls.py --particles 500 --frames 12
+
+Writes moving_walls.mp4 and .png into --out and prints how thick the dough is where the pin has been.
 """
 
+import argparse
+import dataclasses
 import math
-import sys
 from pathlib import Path
 
 import torch
 
 from diffuphy.material.presets import field, lookup
-from diffuphy.mpm import Box, HalfSpace, Scene, rollout
+from diffuphy.mpm import Cylinder, HalfSpace, Scene, rollout
 from diffuphy.render import Film, contact_sheet, write_mp4, write_png
 from diffuphy.render.cloud import cloud
+from diffuphy.types import Trajectory
 from diffuphy.workspace import Workspace
 
-
-def block(particles: int, size: float = 0.2) -> tuple[torch.Tensor, torch.Tensor]:
-    a = size / round(particles ** (1 / 3))
-    line = torch.arange(a / 2, size, a)
-    x = torch.cartesian_prod(line - size / 2, line - size / 2, line)
-    return x, torch.full((len(x),), a**3)
+LENGTH, DEPTH, HEIGHT = 0.30, 0.20, 0.10
+"""Of the dough [m]."""
+GAP, RADIUS, SPEED = 0.05, 0.07, 0.5
+"""Under the pin [m], its radius [m], and how fast it goes [m/s]."""
 
 
-def main(particles: int = 4000, frames: int = 45, out: str = "outputs/examples/moving_walls") -> float:
-    x, vol = block(particles)
-    dx, fps = 2 * float(vol[0]) ** (1 / 3), 30.0
-    down, stop = -0.12, 1.0  # the plate [m/s], and when it goes away [s]
-    walls = (
-        HalfSpace(friction=0.5),
-        Box(
-            center=(0, 0, 0.2 + 0.5 * (a := 4 * dx)), size=(0.6, 0.6, a), velocity=(0, 0, down), end=stop, friction=0.5
-        ),
-        HalfSpace(point=(-0.11, 0, 0), normal=(math.cos(0.3), 0, math.sin(0.3)), start=stop, velocity=(0.15, 0, 0)),
+def lattice(*sides: float, spacing: float) -> torch.Tensor:
+    """Points in a box that stands on z = 0 about the z axis."""
+    line = [(torch.arange(max(1, round(s / spacing))) + 0.5) * spacing for s in sides]
+    return torch.cartesian_prod(line[0] - sides[0] / 2, line[1] - sides[1] / 2, line[2])
+
+
+def with_pin(motion: Trajectory, pin: Cylinder, spacing: float) -> tuple[Trajectory, torch.Tensor, torch.Tensor]:
+    """The motion with the pin as further particles; their places at first and their colours."""
+    side = torch.arange(0, 2 * math.pi, spacing / RADIUS)
+    at = torch.cartesian_prod(side, torch.arange(-pin.height / 2, pin.height / 2, spacing))
+    skin = torch.stack([RADIUS * at[:, 0].cos(), at[:, 1], RADIUS * at[:, 0].sin()], 1)
+    wood = torch.where((at[:, :1] % (math.pi / 2)) < 0.35, torch.tensor([0.45, 0.27, 0.13]), torch.tensor([0.80, 0.60, 0.36]))
+    pose = pin.pose(torch.arange(len(motion.x)).double().numpy() / motion.fps)
+    turn, place = torch.from_numpy(pose.rotation).float(), torch.from_numpy(pose.place).float()
+    x = torch.einsum("tij,nj->tni", turn, skin) + place[:, None]
+    F = turn[:, None].expand(-1, len(skin), 3, 3)
+    joined = dataclasses.replace(
+        motion, x=torch.cat([motion.x, x], 1), v=torch.cat([motion.v, torch.zeros_like(x)], 1), F=torch.cat([motion.F, F], 1)
     )
-    scene = Scene(dx=dx, fps=fps, frames=frames, boundaries=walls)
-    motion = rollout(scene, x, vol, field(lookup("clay"), len(x)))
-    pressed = motion.x[min(frames, int(stop * fps)), :, 2].max().item()
-    print(f"pressed to {pressed:.3f} m, where the plate stops: {0.2 + down * stop:.3f} m")
-    layers = torch.where(
-        (x[:, 2] / 0.2 * 5 % 2 < 1)[:, None], torch.tensor([0.72, 0.36, 0.25]), torch.tensor([0.55, 0.26, 0.2])
-    )
-    clip = Film(width=256, height=192)(*cloud(x, vol, layers), motion, work=Workspace())
-    Path(out).parent.mkdir(parents=True, exist_ok=True)
-    write_mp4(f"{out}.mp4", clip.rgb, clip.fps)
-    write_png(f"{out}.png", contact_sheet(clip.rgb, fps=clip.fps))
-    return pressed
+    return joined, x[0], wood
+
+
+def main(particles: int = 6000, frames: int = 45, out: str = "outputs/examples") -> float:
+    a = (LENGTH * DEPTH * HEIGHT / particles) ** (1 / 3)
+    x = lattice(LENGTH, DEPTH, HEIGHT, spacing=a)
+    vol = torch.full((len(x),), a**3)
+    pin = Cylinder(
+        center=(-0.32, 0, GAP + RADIUS), axis=(0, 1, 0), radius=RADIUS, height=0.4,
+        velocity=(SPEED, 0, 0), angular_velocity=(0, SPEED / RADIUS, 0), friction=0.5,
+    )  # fmt: skip
+    scene = Scene(dx=2 * a, fps=30, frames=frames, boundaries=(HalfSpace(friction=0.8), pin))
+    motion = rollout(scene, x, vol, field(lookup("playdoh"), len(x)))
+    rolled = motion.x[-1][(motion.x[-1, :, 0] < pin.pose(torch.tensor([frames / 30.0]).numpy()).place[0, 0] - RADIUS)]
+    thick = rolled[:, 2].quantile(0.98).item() + a / 2
+    print(f"{thick * 100:.1f} cm thick behind the pin, which leaves {GAP * 100:.1f} cm; {HEIGHT * 100:.1f} cm before")
+    stripes = torch.where(((x[:, 0] / 0.05).floor() % 2 == 0)[:, None], torch.tensor([0.93, 0.45, 0.42]), torch.tensor([0.96, 0.83, 0.55]))
+    shown, pin_x, wood = with_pin(motion, pin, a)
+    rgb = torch.cat([stripes, wood])
+    actors = cloud(torch.cat([x, pin_x]), torch.full((len(rgb),), a**3), rgb)
+    clip = Film(width=480, height=320)(*actors, shown, work=Workspace())
+    folder = Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_mp4(folder / "moving_walls.mp4", clip.rgb, clip.fps)
+    write_png(folder / "moving_walls.png", contact_sheet(clip.rgb, fps=clip.fps))
+    return thick
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:3]), *sys.argv[3:])
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--particles", type=int, default=6000)
+    parser.add_argument("--frames", type=int, default=45)
+    parser.add_argument("--out", default="outputs/examples")
+    main(**vars(parser.parse_args()))
