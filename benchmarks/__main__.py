@@ -40,6 +40,7 @@ QUICK = {
     "leaving_out": ("--cells", "3", "--repeat", "2", "--features", "decomposition", "walls", "--out", "{out}"),
     "library_sheet": ("burger", "duck", "--out", "{out}/library.png"),
     "peers": ("--particles", "2000", "--repeat", "2", "--out", "{out}"),
+    "physgaussian": ("--tiny", "--scenes", "jam", "--count", "2000", "--store", "{out}/store", "--out", "{out}"),
     "resume": ("--kills", "1"),
     "speed": ("--quick",),
     "stability": ("--quick", "--jobs", "1", "--out", "{out}"),

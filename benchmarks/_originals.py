@@ -1,6 +1,7 @@
 """Stand-ins for the trained scenes of PhysGaussian: objects drawn, covered with Gaussians, written as the original code
 leaves them."""
 
+import dataclasses
 import math
 import random
 from pathlib import Path
@@ -8,6 +9,7 @@ from pathlib import Path
 import torch
 
 from diffuphy.render import ply
+from diffuphy.render.placement import Placement
 from diffuphy.render.sh import from_rgb
 from diffuphy.text2gs.params import nearest_distance
 from diffuphy.text2gs.shapes import shading as k
@@ -48,9 +50,11 @@ def wolf(s: Sketch) -> None:
 
 
 def pillow(s: Sketch) -> None:
-    """A seat below z = −0.12 and two cushions in the air."""
-    s.box("seat", (0, 0, -0.38), (0.5, 0.4, 0.12), 0.04)
-    s.box("seat", (0, 0, -0.22), (0.44, 0.36, 0.08), 0.06, paint=Paint((0.44, 0.52, 0.66)))
+    """A bed below z = −0.12 and two cushions in the air."""
+    s.box("bed", (0, 0, -0.30), (0.42, 0.34, 0.05), 0.03)
+    s.box("bed", (0, 0, -0.20), (0.40, 0.32, 0.07), 0.05, paint=Paint((0.44, 0.52, 0.66)))
+    for x, y in ((-0.38, -0.30), (-0.38, 0.30), (0.38, -0.30), (0.38, 0.30)):
+        s.limb("bed", (x, y, -0.30), (x, y, -0.48), 0.035, 0.025)
     stripes = Paint((0.93, 0.90, 0.82), (0.80, 0.32, 0.24), pattern=k.SEGMENTS, scale=8.0)
     for part, at, turn in (("cushion", (0.04, 0.0, 0.19), (0, 0, 10)), ("pillow", (-0.05, 0.03, 0.44), (0, 0, -25))):
         how = {"paint": stripes} if part == "cushion" else {}
@@ -84,7 +88,7 @@ RECIPES = {
         _recipe(ficus, Part("pot", "stone", (0.78, 0.42, 0.28)), Part("soil", "sand", (0.28, 0.19, 0.13)),
                 Part("trunk", "wood", (0.45, 0.32, 0.20)), Part("leaves", "lettuce", (0.25, 0.5, 0.15))),
         _recipe(wolf, Part("fur", "sand", (0.82, 0.66, 0.42))),
-        _recipe(pillow, Part("seat", "wood", (0.36, 0.24, 0.17)), Part("cushion", "sponge", (0.93, 0.90, 0.82)),
+        _recipe(pillow, Part("bed", "wood", (0.36, 0.24, 0.17)), Part("cushion", "sponge", (0.93, 0.90, 0.82)),
                 Part("pillow", "sponge", (0.86, 0.62, 0.30))),
         _recipe(jam, Part("jam", "honey", (0.56, 0.05, 0.10))),
         _recipe(can, Part("tin", "metal", (0.72, 0.73, 0.76)), Part("label", "metal", (0.80, 0.14, 0.12))),
@@ -110,9 +114,15 @@ def gaussians(name: str, count: int, seed: int = 0) -> Gaussians:
     )
 
 
+LENGTH = 1.6
+"""Longest side in the files: trained scenes are in lengths of their own. That of the bed fits into its ``sim_area``."""
+
+
 def write(folder: Path, name: str, count: int, up: ply.Up = "z_up") -> Path:
     """An object as a trained scene in the layout of the original code; returns its folder."""
     inside = folder / "point_cloud/iteration_30000"
     inside.mkdir(parents=True, exist_ok=True)
-    ply.write(inside / "point_cloud.ply", gaussians(name, count), up=up)
+    scene = Placement.turns(())
+    scene = dataclasses.replace(scene, scale=LENGTH / 2)(gaussians(name, count))
+    ply.write(inside / "point_cloud.ply", scene, up=up)
     return folder

@@ -2,7 +2,7 @@
 
     python -m benchmarks filling                              # all objects; half a minute of fitting each
     python -m benchmarks filling --objects duck --steps 300
-    python -m benchmarks filling --fits outputs/fits          # keeps the fitted Gaussians there, and takes them thence
+    python -m benchmarks filling --fits outputs/fits          # keeps the fitted Gaussians there, and reads them there
 
 Every object is fitted as a run does it by default, and its Gaussians are sampled as a run does it. The true volume is
 counted on a lattice of the object's signed distance, with all that it encloses; the share of it that is a hollow,

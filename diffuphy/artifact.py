@@ -22,7 +22,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from diffuphy.workspace import Workspace
+from diffuphy.workspace import Watch, Workspace
 
 log = logging.getLogger(__name__)
 SCRATCH = "work"
@@ -59,7 +59,7 @@ def describe(component: Any) -> Any:
     """Class, version and every setting (defaults included) of a component, as plain data.
 
     A field with ``metadata={"runtime": True}`` changes how, not what, is computed and is left out. For one with
-    ``metadata={"content": source}`` stand the kind and the SHA-256 of the bytes of the file ``source(value)``.
+    ``metadata={"content": source}`` stand kind and SHA-256 of the file ``source(value)``, or of each of a tuple.
     """
     if dataclasses.is_dataclass(component) and not isinstance(component, type):
         fields = [f for f in dataclasses.fields(component) if not f.metadata.get("runtime")]
@@ -72,10 +72,8 @@ def describe(component: Any) -> Any:
         return {str(k): describe(v) for k, v in component.items()}
     if isinstance(component, list | tuple):
         return [describe(v) for v in component]
-    if component is None or isinstance(component, str | int | float | bool):
-        return component
-    if isinstance(component, Path):
-        return str(component)
+    if component is None or isinstance(component, str | int | float | bool | Path):
+        return str(component) if isinstance(component, Path) else component
     raise TypeError(f"a setting must be plain data or a component, got {type(component).__qualname__}: {component!r}")
 
 
@@ -83,12 +81,16 @@ def _setting(field: dataclasses.Field, value: Any) -> Any:
     source = field.metadata.get("content")
     if source is None:
         return describe(value)
-    file = source(value).resolve()
-    at = file.stat()
-    return {"kind": file.suffix.lower(), "sha256": _file_sha256(file, at.st_size, at.st_mtime_ns, at.st_ino)}
+    found = source(value)
+    return [_content(file.resolve()) for file in found] if isinstance(found, tuple) else _content(found.resolve())
 
 
-@lru_cache(maxsize=64)
+def _content(file: Path) -> dict[str, str]:
+    seen = file.stat()
+    return {"kind": file.suffix.lower(), "sha256": _file_sha256(file, seen.st_size, seen.st_mtime_ns, seen.st_ino)}
+
+
+@lru_cache(maxsize=8192)
 def _file_sha256(file: Path, *seen: int) -> str:
     """SHA-256 of a file, found once for each state ``seen`` of it."""
     with file.open("rb") as f:
@@ -111,7 +113,7 @@ def digest(directory: Path) -> str:
     """SHA-256 of the contents of a result (names and bytes; not its scratch, not its dates)."""
     h = hashlib.sha256()
     for file in sorted(p for p in directory.iterdir() if p.is_file() and p.name != "meta.json"):
-        h.update(file.name.encode() + b"\0" + bytes.fromhex(_sha256(file.read_bytes())))
+        h.update(file.name.encode() + b"\0" + hashlib.sha256(file.read_bytes()).digest())
     return h.hexdigest()
 
 
@@ -144,10 +146,12 @@ class Store:
         device: where inputs are put before a stage sees them.
         interval: seconds between the checkpoints of a long stage.
         progress: show bars; by default only when standard error is a terminal.
+        watch: who is shown what a stage has so far; None: nobody.
     """
 
-    def __init__(self, root: Path, *, device: str = "cpu", interval: float = 5.0, progress: bool | None = None):
-        self.root, self.device, self.interval, self.progress = root, device, interval, progress
+    def __init__(self, root: Path, *, device: str = "cpu", interval: float = 5.0, progress: bool | None = None,
+                 watch: Watch | None = None):  # fmt: skip
+        self.root, self.device, self.interval, self.progress, self.watch = root, device, interval, progress, watch
         self._digests: dict[Path, str] = {}
         try:
             root.mkdir(parents=True, exist_ok=True)
@@ -235,7 +239,8 @@ class Store:
 
     def _compute(self, stage: Stage, path: Path, done: dict[str, Path], types: dict[str, Any]) -> None:
         partial = path.with_suffix(".partial")
-        work = Workspace(partial / SCRATCH, interval=self.interval, progress=self.progress, device=self.device)
+        how = {"interval": self.interval, "progress": self.progress, "device": self.device, "watch": self.watch}
+        work = Workspace(partial / SCRATCH, **how)
         inputs = [self._load(name, done, types) for name in stage.inputs]
         recipe = self.recipe(stage, done)
         log.info("%s: %s", stage.name, "continuing" if work.load() is not None else "started")

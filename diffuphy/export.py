@@ -1,138 +1,56 @@
-"""What a person takes away from a run: film.mp4, contact_sheet.png, gaussians.ply and report.html."""
+"""``python -m diffuphy.export RUN FORMAT ...``, or ``diffuphy-export`` when installed: the files of a finished run."""
 
-import json
+import argparse
+import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
-
-import torch
-from torch import Tensor
-
-from diffuphy.artifact import SCRATCH, Done
-from diffuphy.judgement import judgement
-from diffuphy.plan import Plan
-from diffuphy.render import contact_sheet, orbit, render_gaussians, write_mp4, write_png
-from diffuphy.render.colormap import CATEGORY_WORDS, Scale, quantity
-from diffuphy.render.paint import Mixed
-from diffuphy.render.ply import write as write_ply
-from diffuphy.render.report import Report, Section
-from diffuphy.render.sh import from_rgb
-from diffuphy.scorecard import scorecard, section
-from diffuphy.types import Clip, Gaussians, MaterialField, Particles
 
 
-def export(
-    run_dir: Path, done: Sequence[Done], plan: Plan, *, title: str, settings: str, warnings: Sequence[str] = ()
-) -> dict[str, Path]:
-    """Write the deliverables of a run into ``run_dir``; returns their paths by kind.
+def parser() -> argparse.ArgumentParser:
+    p = argparse.ArgumentParser(prog="diffuphy-export", description="Write a finished run in other formats.")
+    p.add_argument("run", help="its folder, outputs/runs/NAME")
+    p.add_argument("formats", nargs="*", help="mp4, webm, gif, png, ply, npz, html, sog, spz, ... (default: list them)")
+    p.add_argument("-o", "--out", metavar="FOLDER", help="where to write (default: the folder of the run)")
+    p.add_argument("--up", default="y_down", help="axes of .ply and compressed files: y_down, y_up or z_up (y_down)")
+    p.add_argument("--every", type=int, default=1, metavar="N", help="write every N-th frame (1)")
+    p.add_argument("--gaussians", type=int, default=20_000, metavar="N", help="most Gaussians of html (20000)")
+    p.add_argument("--page-frames", type=int, default=60, metavar="N", help="most frames of html (60)")
+    p.add_argument("--resolution", type=int, default=96, metavar="N", help="cells along the object, for meshes (96)")
+    return p
 
-    Args:
-        title: of the report; what the user asked for.
-        settings: the composed configuration, YAML.
-        warnings: sentences a reader must see.
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command.
+
+    Returns:
+        Exit status: 0 done, 2 an error the user can mend.
     """
-    at = {d.name: d.path for d in done}
-    files: dict[str, Path] = {}
-    if "gaussians" in at:
-        gaussians = Gaussians.load(at["gaussians"])
-        files["gaussians"] = run_dir / "gaussians.ply"
-        write_ply(files["gaussians"], gaussians)
-    if "clip" not in at:
-        return files
-    clip = Clip.load(at["clip"])
-    files["film"] = run_dir / "film.mp4"
-    files["sheet"] = run_dir / "contact_sheet.png"
-    write_mp4(files["film"], clip.rgb, clip.fps)
-    sheet = contact_sheet(clip.rgb, fps=clip.fps)
-    write_png(files["sheet"], sheet)
-    particles, field = Particles.load(at["particles"]), MaterialField.load(at["material"])
-    files["report"] = run_dir / "report.html"
-    Report()(
-        files["report"],
-        title=title,
-        film=files["film"],
-        sheet=sheet.numpy(),
-        views=views(gaussians),
-        maps=maps(gaussians, particles, field),
-        curves=curves(at),
-        plan=[(line.what, line.decision, line.because) for line in plan.lines],
-        settings=settings,
-        stages=[{"name": d.name, "cached": d.cached, "seconds": d.seconds, "megabytes": d.megabytes} for d in done],
-        numbers=numbers(at),
-        warnings=list(warnings),
-        sections=sections(done),
-    )
-    return files
+    given = parser().parse_args(argv)
+    from diffuphy.formats import FORMATS, Options, Run, check, write
 
-
-def sections(done: Sequence[Done]) -> list[Section]:
-    """How good the film is, and how wrong."""
-    scores, errors = scorecard(done), judgement(done)
-    return [*([section(scores)] if scores else []), *([errors.section()] if errors else [])]
-
-
-def views(gaussians: Gaussians, size: int = 200) -> list[tuple[str, Any]]:
-    """The object from four sides and from above."""
-    named = [("front", 0, 12), ("left", 90, 12), ("back", 180, 12), ("right", 270, 12), ("above", 30, 65)]
-    camera = orbit([a for _, a, _ in named], torch.tensor([float(e) for *_, e in named]), 3.4, width=size, height=size)
-    with torch.no_grad():
-        rgb = render_gaussians(gaussians, camera, background=torch.ones(3)).rgb.clamp(0, 1)
-    return [(name, image.numpy()) for (name, *_), image in zip(named, rgb, strict=True)]
-
-
-def maps(gaussians: Gaussians, particles: Particles, field: MaterialField, size: int = 260) -> list[tuple[str, Any]]:
-    """The object painted by stiffness and by the laws each particle follows."""
-    owner = torch.full((len(gaussians),), -1, dtype=torch.long)
-    carried = particles.gaussian >= 0
-    owner[particles.gaussian[carried]] = torch.arange(len(particles))[carried]
-    visible = owner >= 0
-    index = owner[visible]
-    camera = orbit([35.0], 18.0, 3.4, width=size, height=size)
-
-    def paint(colors: Tensor) -> Any:
-        painted = Gaussians(
-            gaussians.means[visible],
-            gaussians.quats[visible],
-            gaussians.log_scales[visible],
-            gaussians.logit_opacities[visible],
-            from_rgb(colors[index]),
+    try:
+        run = Run.at(Path(given.run))
+        if not given.formats:
+            for name, writer in FORMATS.items():
+                print(f"{name:<16}{(writer.__doc__ or '').splitlines()[0]}")
+            return 0
+        options = Options(
+            Path(given.out or given.run), given.up, given.every, given.gaussians, given.page_frames, given.resolution
         )
-        with torch.no_grad():
-            return render_gaussians(painted, camera, background=torch.ones(3)).rgb[0].clamp(0, 1).numpy()
-
-    stiffness = Scale.of(field.theta["E"], "log")
-    ends = [quantity(value, "Pa") for value in (stiffness.lo, stiffness.hi)]
-    result = [(f"E: {ends[0]} (dark) to {ends[1]} (bright)", paint(stiffness.colors(field.theta["E"])))]
-    for kind in ("elastic", "plastic"):
-        laws = Mixed.of(field, kind)
-        said = ", ".join(f"{name} {share:.0%} ({CATEGORY_WORDS[k]})" for name, share, k in laws.entries)
-        result.append((f"{kind}: {said}", paint(laws.colors)))
-    return result
+        for name in check(given.formats):
+            for path in write(run, [name], options)[name]:
+                print(f"{name:<16}{os.path.relpath(path)}  {size(path) / 1e6:.2f} MB")
+    except (ValueError, OSError) as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+    return 0
 
 
-def curves(at: dict[str, Path]) -> dict[str, list[tuple[int, float]]]:
-    """Loss of each long stage from its ``metrics.jsonl``; a step written twice by an interrupted run counts once."""
-    found: dict[str, dict[int, float]] = {}
-    for stage, key in (("gaussians", "sds"), ("gaussians", "gaussians"), ("material", "loss"), ("material", "log10_E")):
-        file = at[stage] / SCRATCH / "metrics.jsonl"
-        rows = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()] if file.exists() else []
-        values = {row["step"]: row[key] for row in rows if isinstance(row.get(key), int | float)}
-        if values:
-            found[f"{stage}: {key}"] = values
-    return {name: sorted(values.items()) for name, values in found.items()}
+def size(path: Path) -> int:
+    """Bytes of a file, or of all in a folder."""
+    return sum(f.stat().st_size for f in path.rglob("*") if f.is_file()) if path.is_dir() else path.stat().st_size
 
 
-NOTES = {
-    "hardened_loss": "clip loss of the field that is filmed, every particle on one law",
-    "loss_at_table": "clip loss at the reference's own parameters: below it one fits discretisation",
-    "held_out_motion": "mean squared pixel difference to the table's material in another motion",
-    "pruning_change": "largest distance in a drop, over the object's size, with all candidates and with those left",
-    "log10_E": "mean stiffness [log₁₀ Pa]",
-}
-
-
-def numbers(at: dict[str, Path]) -> list[tuple[str, str, str]]:
-    """What the material stage says about its result."""
-    file = at["material"] / SCRATCH / "summary.json"
-    values = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
-    return [(k, f"{v:.3g}", NOTES.get(k, "mean weight of this expert")) for k, v in values.items()]
+if __name__ == "__main__":
+    sys.exit(main())

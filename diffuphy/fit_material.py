@@ -10,6 +10,7 @@ failures: docs/learning.md.
 import dataclasses
 import logging
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, ClassVar
 
 import torch
@@ -234,6 +235,7 @@ class FitMaterial:
                 norm = torch.nn.utils.clip_grad_norm_([*net.parameters(), shift], 1.0, error_if_nonfinite=True)
                 optimiser.step()
                 bar.update()
+                work.show("material", step + 1, self.steps, partial(lambda film: (bench.skin, film), trajectory))
                 work.log(step, loss=distilled.item(), total=loss.item(), grad=norm.item(), **summary(field))
                 if work.due() or step + 1 == self.steps:
                     work.save(

@@ -7,6 +7,7 @@ made.files["film"]                      # outputs/runs/a-rubber-burger-falling-â
 made.result("trajectory").x             # positions, shape (T + 1, N, 3) [m]
 """
 
+import contextlib
 import hashlib
 import re
 import unicodedata
@@ -77,22 +78,35 @@ def make_film(cfg: DictConfig, folder: Path) -> Made:
     """Build the components, run the pipeline, write what a person takes away into ``folder``."""
     from diffuphy import pipeline
     from diffuphy.artifact import Store
-    from diffuphy.export import export
+    from diffuphy.deliverables import export
+    from diffuphy.formats import check as check_outputs
     from diffuphy.settings import check
 
     settings = OmegaConf.to_container(cfg, resolve=True)
     assert isinstance(settings, dict)
     check(settings)
+    check_outputs(settings["outputs"])
     cfg.device = device(cfg.device)
     set_threads(cfg.threads)
     force = [cfg.force] if isinstance(cfg.force, str) else list(cfg.force)
     components = make(settings["stages"])
-    store = Store(Path(cfg.store), device=cfg.device, interval=cfg.checkpoint_seconds)
-    done, plan = pipeline.run(
-        components, store=store, until=cfg.until, force=force, run_dir=folder, accuracy=cfg.accuracy
-    )
-    files = export(folder, done, plan, title=cfg.prompt, settings=OmegaConf.to_yaml(cfg, resolve=False))
+    with watching(cfg.viewer) as watch:
+        store = Store(Path(cfg.store), device=cfg.device, interval=cfg.checkpoint_seconds, watch=watch)
+        done, plan = pipeline.run(
+            components, store=store, until=cfg.until, force=force, run_dir=folder, accuracy=cfg.accuracy
+        )
+    text = OmegaConf.to_yaml(cfg, resolve=False)
+    files = export(folder, done, plan, title=cfg.prompt, settings=text, outputs=settings["outputs"])
     return Made(folder, files, tuple(done), plan)
+
+
+def watching(viewer: str) -> contextlib.AbstractContextManager[Any]:
+    """Who shows what a stage has so far; None, and nothing is imported, unless it is asked for."""
+    if viewer == "off":
+        return contextlib.nullcontext()
+    from diffuphy.viewer.training import Training
+
+    return contextlib.closing(Training.start())
 
 
 def make(stages: dict[str, Any]) -> dict[str, Any]:

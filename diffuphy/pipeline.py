@@ -78,7 +78,8 @@ def run(
     known = len(Particles.load(cached["particles"])) if "particles" in cached else None
     cost = predicted(plan.components, words, particles=known, device=store.device)
     running = stage_lines(table, cached, until, force, cost)
-    plan = Plan(plan.components, (*running, *cost_lines(running, cost), *plan.lines))
+    seen = Line.kept("viewer", store.watch is not None, "what training has so far, in a browser", "viewer=off")
+    plan = Plan(plan.components, (*running, *cost_lines(running, cost), *plan.lines, seen))
     log.info("%s", plan)
     if run_dir is not None:
         run_dir.mkdir(parents=True, exist_ok=True)

@@ -15,7 +15,9 @@ RUN = {
     "until": str,
     "force": str | tuple[str, ...],
     "accuracy": float | None,
+    "outputs": tuple[str, ...],
     "checkpoint_seconds": float,
+    "viewer": Literal["off", "on"],
 }
 """Kinds of the settings that belong to no component."""
 

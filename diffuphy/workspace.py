@@ -5,12 +5,16 @@ import json
 import os
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
 TENSOR = "\0tensor"
+
+Watch = Callable[[str, int, int, Callable[[], Any]], None]
+"""Told the stage, the step, how many there are, and how to make what can be seen; must not raise."""
 
 
 class CheckpointCorrupted(ValueError):
@@ -25,6 +29,7 @@ class Workspace:
         interval: seconds between checkpoints; content never depends on it.
         progress: show bars; by default only when standard error is a terminal.
         device: where a stage that has no tensor among its inputs puts its own.
+        watch: who wants to see what a stage has so far (``viewer.training``).
     """
 
     def __init__(
@@ -34,9 +39,11 @@ class Workspace:
         interval: float = 5.0,
         progress: bool | None = None,
         device: str = "cpu",
+        watch: Watch | None = None,
     ):
         self.directory = directory
         self.device = device
+        self.watch = watch
         self.interval = interval
         self.progress = sys.stderr.isatty() if progress is None else progress
         self._saved_at = time.monotonic()
@@ -111,6 +118,16 @@ class Workspace:
             folder.mkdir(exist_ok=True)
             pixels = (rgb.detach().clamp(0, 1) * 255).round().byte().cpu().numpy()
             Image.fromarray(pixels).save(folder / f"{name}.png")
+
+    def show(self, stage: str, step: int, total: int, seen: Callable[[], Any]) -> None:
+        """Let whoever watches look at what there is after ``step`` of ``total`` steps.
+
+        Args:
+            seen: makes it: ``Gaussians``, or a ``Skin`` with the ``Trajectory`` that it follows; called only when it
+                is wanted, never when nobody watches.
+        """
+        if self.watch is not None:
+            self.watch(stage, step, total, seen)
 
     def bar(self, total: int, description: str, initial: int = 0) -> tqdm:
         """A progress bar with the time left; silent when standard error is not a terminal."""

@@ -25,7 +25,7 @@ MAY_IMPORT = {
     "material": {"types", "compiling"},
     "render": {"types", "workspace", "geometry", "compiling", "material"},
     "mpm": {"types", "workspace", "geometry", "compiling", "material"},
-    "physgaussian": {"material", "mpm"},
+    "physgaussian": {"material", "mpm", "render", "text2gs"},
     "convert": {"physgaussian"},
     "text2gs": {"types", "workspace", "geometry", "compiling", "render", "losses", "models"},
     "appearance": {"types", "geometry", "render", "material"},
@@ -41,12 +41,15 @@ MAY_IMPORT = {
     "pipeline": {"types", "artifact", "plan", "metrics", "render"},
     "judgement": {"types", "artifact", "render"},
     "scorecard": {"artifact", "render", "metrics"},
-    "export": {"types", "artifact", "plan", "render", "judgement", "scorecard"},
+    "formats": {"types", "render", "geometry"},
+    "deliverables": {"types", "artifact", "plan", "render", "judgement", "scorecard", "formats"},
+    "export": {"formats"},
     "explain": set(),
     "settings": set(),
-    "making": {"quoting", "settings", "artifact", "plan", "pipeline", "export"},
+    "making": {"quoting", "settings", "artifact", "plan", "pipeline", "deliverables", "formats", "viewer"},
     "cli": {"quoting", "explain", "making", "artifact", "judgement", "scorecard"},
     "doctor": {"models", "compiling", "making"},
+    "viewer": {"types", "workspace", "geometry", "material", "mpm", "render", "accuracy", "explain", "making"},
     "__init__": {"making"},
     "__main__": {"cli"},
 }
@@ -66,8 +69,8 @@ HEAVY = {
     "torchmetrics": ("metrics/",),
     "torchvision": ("losses/", "metrics/"),
     "transformers": ("losses/guidance/", "metrics/", "text2gs/refine/"),
-    "trimesh": ("text2gs/",),
-    "viser": ("render/",),
+    "trimesh": ("text2gs/", "formats/"),
+    "viser": ("formats/", "viewer/"),
 }
 """Packages that cost seconds or are optional: imported inside functions, and only in these places."""
 

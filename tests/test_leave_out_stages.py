@@ -14,7 +14,7 @@ import torch
 
 import diffuphy.fit_material as fit_module
 from diffuphy.artifact import Done
-from diffuphy.export import export
+from diffuphy.deliverables import export
 from diffuphy.losses.velocity import Velocity
 from diffuphy.material.field import harden, prune
 from diffuphy.mpm import rollout
@@ -22,8 +22,8 @@ from diffuphy.mpm.filling import Flood, Rays
 from diffuphy.mpm.sample import Sample
 from diffuphy.plan import Plan
 from diffuphy.render import Film, orbit, render_gaussians, sh
-from diffuphy.render.clip import limit_stretch
 from diffuphy.render.floor import Shadow
+from diffuphy.render.kinematics import limit_stretch
 from diffuphy.types import N_SH, Motion, Trajectory
 from diffuphy.workspace import Workspace
 from tests.mpm.bodies import field as material
@@ -158,9 +158,9 @@ def test_gaussians_that_are_not_stretched_are_not_decomposed(monkeypatch):
 
 def test_a_run_that_ends_before_the_film_writes_none(monkeypatch, tmp_path):
     """until=gaussians: no film, no sheet, no report; the module that encodes films is not even imported."""
-    import diffuphy.export as module
+    import diffuphy.deliverables as module
 
-    for name in ("Report", "write_mp4", "contact_sheet", "maps", "views"):
+    for name in ("Report", "write", "contact_sheet", "maps", "views"):
         monkeypatch.setattr(module, name, Forbidden(name))
     folder = tmp_path / "gaussians"
     folder.mkdir()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from diffuphy.mpm.scene import STABLE
-from diffuphy.physgaussian.grains import meaning
+from diffuphy.physgaussian.grains import meaning as filling
 from diffuphy.physgaussian.matter import STRENGTHS, SUBSTANCES, matter
 from diffuphy.physgaussian.scene_file import SceneFile
 from diffuphy.physgaussian.world import world
@@ -121,7 +121,7 @@ def _rest(file: SceneFile, particles: int | None) -> Iterator[Row]:
             idle = key.startswith("rotation") and not any(file["rotation_degree"])
             yield _row(file, key, "nothing is turned" if idle else here.format(_text(file[key])))
     if file.filling is not None:
-        yield Row("particle_filling", f"{len(file.filling)} settings", meaning(file))
+        yield Row("particle_filling", f"{len(file.filling)} settings", filling(file))
     if viewed := [key for key in VIEWED if key in file.given]:
         there = ", ".join(_text(file[key]) for key in viewed)
         yield Row(", ".join(viewed), there, "not used: the film has one camera that sees the whole motion")

@@ -12,6 +12,8 @@ from diffuphy.types import MaterialField, Motion
 
 def experts(material: Any, motion: Motion) -> tuple[tuple[str, ...], tuple[str, ...], str]:
     """Candidate experts: those the configuration names, else those the materials of the prompt may be."""
+    if hasattr(material, "words"):
+        return material.elastic, material.plastic, f"what the labels are made of: {', '.join(material.words)}"
     words = sorted(set(motion.materials.values()))
     elastic, plastic = candidates(words, melting=motion.verb == "melting")
     chosen = (tuple(material.elastic) or elastic, tuple(material.plastic) or plastic)

@@ -25,6 +25,7 @@ def object_lines(components: Mapping[str, Any]) -> list[Line]:
     )  # fmt: skip
     return [
         *distillation_lines(fit),
+        *picture_lines(fit),
         harmonics,
         shape_line(fit),
         Line.kept("densification", fit.densify is not None, "more Gaussians where the loss still pulls",
@@ -43,11 +44,11 @@ def sized(components: Mapping[str, Any]) -> dict[str, Any]:
 
 def given_lines(given: Any) -> list[Line]:
     """An object that is read from a file instead of made."""
-    region = getattr(given, "region", None)
+    parted = getattr(given, "parted", False)
     return [
         Line("score distillation", "left out", f"the object is given: {given.count} Gaussians from {given.path}"),
         Line("spherical harmonics", f"at most degree {given.sh_degree}", "as the file has them"),
-        Line.kept("surroundings", region is not None, "what lies outside the region stands still", "no region"),
+        Line.kept("surroundings", parted, "what is not the object stands still", "all of it is the object"),
     ]
 
 
@@ -67,14 +68,25 @@ def distillation_lines(fit: Any) -> list[Line]:
     return [Line("score distillation", type(fit.estimator).__name__, f"w(t) = {fit.weight}, views a step: {fit.views}")]
 
 
+def picture_lines(fit: Any) -> list[Line]:
+    """Pictures of the user's own, if they are what is fitted."""
+    pictures: Any = getattr(fit, "judge", None)
+    if not hasattr(pictures, "held"):
+        return []
+    why = f"{pictures.held} of them are held out and compared with at the end" if pictures.held else "none is held out"
+    return [Line("pictures", f"{pictures.bank + pictures.held} from {pictures.path}", why)]
+
+
 def film_lines(components: Mapping[str, Any]) -> list[Line]:
     """Parts of a frame."""
-    film = components["clip"]
+    film, filled = components["clip"], getattr(components["particles"], "filling", None) is not None
 
     def other(**settings: Any) -> dict[str, Any]:
         return {"clip": dataclasses.replace(film, **settings)}
 
     return [
+        Line.kept("inside shown", film.fillers and filled, "where the body opens",
+                  "film.fillers=false" if filled else "nothing is filled"),
         Line.kept("floor", film.floor, "the film shows it", "film.floor=false"),
         Line.kept("shadow", film.floor and film.shadow > 0, f"darkness {film.shadow:g}",
                   "film.shadow=0" if film.floor else "no floor that it could fall on", other(floor=True, shadow=0.5)),

@@ -18,6 +18,10 @@ class Around(Protocol):
         """Gaussians in the object's frame; None where there is nothing."""
         ...
 
+    def floor(self) -> float | None:
+        """Height of the ground in the object's frame; None where the object's underside is the floor."""
+        ...
+
 
 @dataclass(frozen=True)
 class Scenery:
@@ -39,13 +43,15 @@ def with_scenery(skin: Skin, around: Around | None, particles: Particles) -> Ski
     """``skin``, with what stands around its object if there is anything.
 
     The floor of the simulation, z = 0, is where the object of ``particles`` stood in its scene: what stands around is
-    placed as if the lowest particle were there.
+    placed as if the lowest particle were there. Where the scene has a ground of its own, that is the floor.
     """
     rest = around.rest() if around is not None else None
     if rest is None:
         return skin
     still = to_metres(rest.to(skin.gaussians.means.device), particles)
-    up = still.means.new_tensor([0.0, 0.0, -float(particles.x[:, 2].amin())])
+    ground = around.floor() if around is not None else None
+    lowest = float(particles.x[:, 2].amin()) if ground is None else particles.scale * ground + particles.offset[2]
+    up = still.means.new_tensor([0.0, 0.0, -lowest])
     still = dataclasses.replace(still, means=still.means + up)
     names = [f.name for f in dataclasses.fields(Gaussians)]
     joined = {n: torch.cat([getattr(skin.gaussians, n), getattr(still, n).to(skin.gaussians.means)]) for n in names}

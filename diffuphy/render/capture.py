@@ -126,23 +126,55 @@ def cameras(path: Path | str) -> tuple[Camera, ...]:
         raise ValueError(f"{path} is no JSON: {type(e).__name__}") from None
     if not isinstance(entries, list):
         raise ValueError(f"{path} must hold a list of cameras, got {type(entries).__name__}")
-    return tuple(_camera(path, i, entry) for i, entry in enumerate(entries))
+    return entries_of(path, entries)
+
+
+def entries_of(path: Path, entries: list[Any], first: int = 0) -> tuple[Camera, ...]:
+    """The cameras of entries of a cameras.json, the first of which is number ``first`` there."""
+    return tuple(_camera(path, first + i, entry) for i, entry in enumerate(entries))
 
 
 def _camera(path: Path, index: int, entry: Any) -> Camera:
     try:
         width, height = int(entry["width"]), int(entry["height"])
-        fx, fy = float(entry["fx"]), float(entry["fy"])
+        focal = float(entry["fx"]), float(entry["fy"])
         R = torch.tensor(entry["rotation"], dtype=torch.float64)
         centre = torch.tensor(entry["position"], dtype=torch.float64)
     except (KeyError, TypeError, ValueError, OverflowError, RuntimeError) as e:
         raise ValueError(f"{path}: camera {index} is incomplete: {type(e).__name__} {e}") from None
+    return placed_camera(f"{path}: camera {index}", R, centre, focal, (width, height), (width / 2, height / 2))
+
+
+def placed_camera(
+    what: str,
+    R: torch.Tensor,
+    centre: torch.Tensor,
+    focal: tuple[float, float],
+    size: tuple[int, int],
+    principal: tuple[float, float],
+) -> Camera:
+    """One camera.
+
+    Args:
+        what: which, for errors.
+        R: its axes in the world, OpenCV's, as columns, shape (3, 3).
+        centre: where it is, shape (3,).
+        focal: f_x and f_y [px].
+        size: width and height [px].
+        principal: where the optical axis meets the picture [px].
+
+    Raises:
+        ValueError: no rotation, or numbers that no camera has.
+    """
+    width, height = size
     if R.shape != (3, 3) or centre.shape != (3,) or not (0 < width < 2**16 and 0 < height < 2**16):
-        raise ValueError(f"{path}: camera {index} needs a 3 x 3 rotation, a position, and sides of 1 to 65535 px")
+        raise ValueError(f"{what} needs a 3 x 3 rotation, a position, and sides of 1 to 65535 px")
     unit = (R @ R.mT - torch.eye(3, dtype=R.dtype)).abs().amax() < 1e-3 and torch.det(R) > 0
-    if not (unit and centre.isfinite().all() and 0 < fx < math.inf and 0 < fy < math.inf):
-        raise ValueError(f"{path}: camera {index} has no proper rotation, a centre or a focal length that is no number")
+    if not (
+        unit and centre.isfinite().all() and all(0 < f < math.inf for f in focal) and math.isfinite(sum(principal))
+    ):
+        raise ValueError(f"{what} has no proper rotation, a centre or a focal length that is no number")
     view = torch.eye(4, dtype=torch.float64)
     view[:3, :3], view[:3, 3] = R.mT, -R.mT @ centre
-    K = torch.tensor([[fx, 0.0, width / 2], [0.0, fy, height / 2], [0.0, 0.0, 1.0]])
+    K = torch.tensor([[focal[0], 0.0, principal[0]], [0.0, focal[1], principal[1]], [0.0, 0.0, 1.0]])
     return Camera(view[None].float(), K[None], width, height)

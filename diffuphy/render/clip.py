@@ -12,8 +12,10 @@ from diffuphy.render.around import Around, Scenery, with_scenery
 from diffuphy.render.brush import Brush, brush, in_studio
 from diffuphy.render.colormap import lay
 from diffuphy.render.draw import render_gaussians
+from diffuphy.render.fillers import Fillers, with_fillers
 from diffuphy.render.floor import Shadow, Studio, pool
 from diffuphy.render.image import Rasteriser
+from diffuphy.render.kinematics import limited
 from diffuphy.render.paint import Moment, check_view, wants_matter
 from diffuphy.render.paths import path
 from diffuphy.render.raster import Warp
@@ -62,6 +64,8 @@ class Film:
     slow: float = 1.0
     """Seconds in which a second of physical time is played [-]; 4 is slow motion, four times, and is smooth with
     scene.fps four times as high."""
+    fillers: bool = True
+    """Draw the inside of a body where it has opened (``render.fillers``)."""
     around: Around | None = None
     """What stands around the object and does not move; None is nothing but the studio."""
     backend: Rasteriser = field(default_factory=Warp)
@@ -104,21 +108,27 @@ class Film:
     ) -> Clip:
         """One picture for each frame of the trajectory; ``field`` for views of the material."""
         with torch.no_grad():
-            skin = with_scenery(Skin.bind(gaussians, particles, self.neighbours), self.around, particles)
+            skin = Skin.bind(gaussians, particles, self.neighbours)
+            skin, fillers = with_fillers(skin, particles) if self.fillers else (skin, None)
+            skin = with_scenery(skin, self.around, particles)
             cameras = self.cameras(trajectory, particles)
             draws = brush(self.view, skin, cameras, trajectory, field)
             studio, shadow = self._studio(trajectory), self._shadow(trajectory, particles)
             empty = studio.empty(cameras) if len(cameras) == 1 else None
-            frames = len(trajectory.x)
+            frames, counts = len(trajectory.x), list[int]()
             picture = torch.empty(frames, self.height, self.width, 4 if self.background == "transparent" else 3)
             with work.bar(frames, "film") as bar:
                 for t in range(frames):
                     camera = frame_of(cameras, t)
                     behind = studio.behind(empty or studio.empty(camera), shadow, trajectory.x[t])
-                    picture[t] = self._frame(skin, Moment.of(trajectory, t), camera, behind, draws)
+                    picture[t], cut = self._frame(skin, fillers, Moment.of(trajectory, t), camera, behind, draws)
+                    counts.append(cut)
+                    work.log(t, limited=cut)
                     bar.update()
             if self.legend and (card := draws.legend(self.height)) is not None:
                 picture = lay(picture, card)
+            most = {"limited_frames": sum(n > 0 for n in counts), "limited_most": max(counts)}
+            work.summary(most | {"gaussians": len(skin.gaussians)})
             clip = Clip(picture[..., :3], trajectory.fps, self.slow, picture[..., 3] if picture.shape[3] > 3 else None)
             work.image("film", contact_sheet(clip.rgb, fps=trajectory.fps))
         return clip
@@ -141,27 +151,23 @@ class Film:
         return Shadow.over(trajectory.x, particles.vol, strength=self.shadow)
 
     def _frame(
-        self, skin: Skin | Scenery, now: Moment, camera: Camera, behind: tuple[Tensor, Tensor | None], draws: Brush
-    ) -> Tensor:
-        """One picture (H, W, 3), or (H, W, 4) where the background is transparent."""
-        means, F_g = skin(now.x, now.F)
-        image = render_gaussians(
-            draws.gaussians(now), camera, means=means, F=limit_stretch(F_g, self.stretch), backend=self.backend
-        )
+        self,
+        skin: Skin | Scenery,
+        fillers: Fillers | None,
+        now: Moment,
+        camera: Camera,
+        behind: tuple[Tensor, Tensor | None],
+        draws: Brush,
+    ) -> tuple[Tensor, int]:
+        """One picture (H, W, 3), or (H, W, 4) where the background is transparent; and how many Gaussians are drawn
+        shorter than their matter is stretched."""
+        gaussians, (means, F_g) = draws.gaussians(now), skin(now.x, now.F)
+        if fillers is not None:
+            gaussians, means, F_g = fillers.drawn(gaussians, means, F_g, now.x, now.F)
+        F_g, cut = limited(F_g, self.stretch)
+        image = render_gaussians(gaussians, camera, means=means, F=F_g, backend=self.backend)
         rest, (back, dark) = 1 - image.alpha[0], behind
         picture = draws.picture(image, camera) + rest[..., None] * back
         if dark is not None:
             picture = torch.cat([picture, (image.alpha[0] + rest * dark)[..., None]], dim=-1)
-        return pool(picture, self.supersample).clamp(0, 1)
-
-
-def limit_stretch(F: Tensor, limit: float) -> Tensor:
-    """F (G, 3, 3) with its singular values cut at ``limit``."""
-    # no singular value exceeds the Frobenius norm: most need no decomposition
-    far = torch.linalg.matrix_norm(F) > limit
-    if not far.any():
-        return F
-    U, S, V = torch.linalg.svd(F[far])
-    F = F.clone()
-    F[far] = (U * S.clamp_max(limit)[:, None]) @ V
-    return F
+        return pool(picture, self.supersample).clamp(0, 1), cut

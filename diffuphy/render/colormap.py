@@ -43,6 +43,9 @@ TABLE = 256
 ROBUST = 0.01
 """Share of the values at each end of a scale that may lie beyond it: a single particle must not dim all others."""
 
+NARROWEST = 1.25
+"""Least ratio of the ends of a logarithmic scale, a tenth of a decade: smaller differences are noise to the eye."""
+
 _LMS = torch.tensor(
     [
         [0.4122214708, 0.5363325363, 0.0514459929],
@@ -116,8 +119,8 @@ class Scale:
         """The scale that all but a hundredth of ``values`` at each end fit on.
 
         linear: from 0 to the upper percentile, of values that are not negative. log: between the percentiles of the
-        positive values. ratio: from 1/r to r, with r the larger of the two percentiles' distances from 1. A scale of
-        values that are all the same is widened by a tenth, so that it has two ends.
+        positive values, and wider where they are nearer than ``NARROWEST``. ratio: from 1/r to r, with r the larger of
+        the two percentiles' distances from 1.
         """
         flat = values.detach().reshape(-1).double()
         flat = flat[flat > 0] if kind != "linear" else flat
@@ -131,7 +134,8 @@ class Scale:
         if kind == "ratio":
             r = max(high, 1 / low, 1.001)
             return cls(1 / r, r, kind)
-        return cls(low, high, kind) if high > 1.01 * low else cls(low / 1.1, high * 1.1, kind)
+        middle, half = math.sqrt(low * high), max(math.sqrt(high / low), math.sqrt(NARROWEST))
+        return cls(middle / half, middle * half, kind)
 
     @property
     def map(self) -> tuple[str, ...]:
@@ -159,25 +163,32 @@ class Scale:
 PREFIXES = {9: "G", 6: "M", 3: "k", 0: "", -3: "m", -6: "µ"}
 
 
+def power(value: float, unit: str) -> int:
+    """Power of ten of the prefix that suits a number of this unit; 0 where there is no unit."""
+    if not unit or value == 0:
+        return 0
+    return min(max(3 * math.floor(math.log10(abs(value)) / 3), min(PREFIXES)), max(PREFIXES))
+
+
 def quantity(value: float, unit: str) -> str:
     """A number of three digits with its unit, ``1.25 MPa``; without prefixes where there is no unit."""
-    if not unit or value == 0:
-        return f"{value:.3g} {unit}".strip()
-    power = min(max(3 * math.floor(math.log10(abs(value)) / 3), min(PREFIXES)), max(PREFIXES))
-    return f"{value / 10.0**power:.3g} {PREFIXES[power]}{unit}"
+    p = power(value, unit)
+    return f"{value / 10.0**p:.3g} {PREFIXES[p]}{unit}".strip()
 
 
 def bar(label: str, unit: str, scale: Scale, height: int) -> Tensor:
-    """The legend of a scale, rgba (h, w, 4) in [0, 1], for a film of ``height`` px: its name above, numbers below."""
+    """The legend of a scale, rgba (h, w, 4) in [0, 1], for a film of ``height`` px: its name and unit above, numbers
+    below."""
     size = font_size(height)
     width = 14 * size
     rows, at = 4 * size, torch.linspace(0, 1, width - 2 * size)
     picture, draw, font = _card(width, rows, size)
     picture.paste(_image(lookup(at, scale.map)[None].expand(size, -1, -1)), (size, int(1.5 * size)))
-    draw.text((size, int(0.2 * size)), label, font=font, fill=INK)
+    p = power(scale.hi, unit)
+    draw.text((size, int(0.2 * size)), f"{label} [{PREFIXES[p]}{unit or '-'}]", font=font, fill=INK)
     for k, (u, value) in enumerate(scale.ticks()):
         where = (size + u * (width - 2 * size), 2.6 * size)
-        draw.text(where, quantity(value, unit), font=font, fill=INK, anchor=("la", "ma", "ra")[k])
+        draw.text(where, f"{value / 10.0**p:.3g}", font=font, fill=INK, anchor=("la", "ma", "ra")[k])
     return _tensor(picture)
 
 

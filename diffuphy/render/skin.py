@@ -41,7 +41,7 @@ class Skin:
         if not 1 <= k <= len(particles):
             raise ValueError(f"k must be between 1 and the number of particles, {len(particles)}, got {k}")
         rest = to_metres(gaussians, particles)
-        distance, index = _nearest(rest.means, particles.x, k)
+        distance, index = nearest(rest.means, particles.x, k)
         if k == 1:
             index = _follow_carriers(index, particles, len(gaussians))
             weight = torch.ones_like(distance)
@@ -75,7 +75,7 @@ def to_metres(gaussians: Gaussians, particles: Particles) -> Gaussians:
     return replace(gaussians, means=particles.scale * gaussians.means + offset, log_scales=gaussians.log_scales + shift)
 
 
-def _nearest(points: Tensor, among: Tensor, k: int) -> tuple[Tensor, Tensor]:
+def nearest(points: Tensor, among: Tensor, k: int) -> tuple[Tensor, Tensor]:
     """Distances and indices (G, k) of the k nearest of ``among`` (N, 3), nearest first; ties go to any."""
     from scipy.spatial import KDTree
 

@@ -2,24 +2,66 @@
 
 import logging
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, Protocol
 
 import torch
 from torch import Tensor
 
 from diffuphy.losses import SDS, Constant, Estimator, Exponential, Linear, Schedule, sds
 from diffuphy.losses.guidance import Guidance
+from diffuphy.losses.regularize import anisotropy
 from diffuphy.losses.sds import Weight
 from diffuphy.render import Rasteriser, Warp, orbit, render_gaussians
 from diffuphy.text2gs.cameras import Orbits
 from diffuphy.text2gs.densify import AdaptiveSplitting
-from diffuphy.text2gs.init import Ball, PointECloud, SurfaceCloud
+from diffuphy.text2gs.init import Start, SurfaceCloud
 from diffuphy.text2gs.params import LearningRates, Parameters, clean
 from diffuphy.text2gs.shape_prior import ShapePrior
-from diffuphy.types import N_SH, Gaussians, Look
+from diffuphy.types import N_SH, Camera, Gaussians, Look
 from diffuphy.workspace import Workspace
 
 log = logging.getLogger(__name__)
+
+
+class Judge(Protocol):
+    """Whoever says how good Gaussians are."""
+
+    def judge(self, gaussians: Gaussians, backend: Rasteriser) -> dict[str, float]:
+        """Numbers by name."""
+        ...
+
+
+class Bank(Protocol):
+    """Cameras to draw from: ``Orbits``, or those of pictures."""
+
+    @property
+    def bank(self) -> int:
+        """How many there are."""
+        ...
+
+    @property
+    def ring(self) -> int:
+        """How many of them always come together."""
+        ...
+
+    @property
+    def size(self) -> int:
+        """Longer side of the picture [px]."""
+        ...
+
+    @property
+    def distance(self) -> float:
+        """From camera to origin, for previews [object units]."""
+        ...
+
+    @property
+    def fov(self) -> float:
+        """Angle of previews across the shorter side [deg]."""
+        ...
+
+    def __call__(self) -> Camera:
+        """All of them."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -35,9 +77,9 @@ class FitGaussians:
 
     guidance: Guidance
     """The prior; its layout must be "image" or "views"."""
-    cameras: Orbits = field(default_factory=Orbits)
+    cameras: Bank = field(default_factory=Orbits)
     """Bank of cameras to draw from, and their picture size."""
-    init: SurfaceCloud | Ball | PointECloud = field(default_factory=SurfaceCloud)
+    init: Start = field(default_factory=SurfaceCloud)
     """What to start from."""
     shape: ShapePrior | None = None
     """A prior of where the points are, beside that of what they look like; None leaves it out."""
@@ -73,6 +115,11 @@ class FitGaussians:
     """Longest axis of a Gaussian (1 σ) [object units]."""
     max_ratio: float = 5.0
     """Longest over shortest axis of a Gaussian; 8 gains 0.1 dB and makes flatter ones, which a deforming body tears."""
+    anisotropy: float = 0.0
+    """Weight of the mean excess of the ratio of axes over ``anisotropy_ratio`` (``losses.regularize``) [-]; 0 leaves it
+    out: ``max_ratio`` bounds every ratio already."""
+    anisotropy_ratio: float = 3.0
+    """Ratio up to which Gaussians are let alone [-]."""
     min_opacity: float = 0.1
     """Gaussians more transparent than this are haze and go at the end."""
     isolation: float = 4.0
@@ -83,6 +130,8 @@ class FitGaussians:
     """Rasteriser."""
     seed: int = 0
     """Of everything random: start, cameras, backgrounds, times, noise, children."""
+    judge: Judge | None = field(default=None, metadata={"runtime": True})
+    """Asked at the end about the result; its numbers go to the log. None: nobody."""
 
     def __post_init__(self) -> None:
         if self.guidance.layout not in ("image", "views"):
@@ -100,6 +149,11 @@ class FitGaussians:
             raise ValueError(
                 f"fit.views must be a multiple of fit.cameras.ring, and that of the {together} views that the prior "
                 f"judges together, got {self.views} and {self.cameras.ring}; set both to {together}"
+            )
+        if self.anisotropy < 0.0 or self.anisotropy_ratio < 1.0:
+            raise ValueError(
+                "anisotropy must not be negative and anisotropy_ratio at least 1, "
+                f"got {self.anisotropy} and {self.anisotropy_ratio}"
             )
         self.estimator.check(self.guidance)
 
@@ -128,6 +182,8 @@ class FitGaussians:
 
             run.observe()
             shape = self._shape(look, run)
+            if self.anisotropy > 0.0:
+                (self.anisotropy * anisotropy(params.values["log_scales"], self.anisotropy_ratio)).backward()
             params.step(self.rates, self.decay(step, self.steps), opaque=self.opaque)
             params.project(max_scale=self.max_scale, max_ratio=self.max_ratio)
             run.step += 1
@@ -139,6 +195,7 @@ class FitGaussians:
                 scalars = {"sds": loss.item(), **shape, "t_max": self.t_max(step, self.steps)}
                 work.log(run.step, gaussians=len(params), **scalars)
             bar.update()
+            work.show("gaussians", run.step, self.steps, params.gaussians)
             if work.due():
                 work.save(run.state())
         bar.close()
@@ -149,6 +206,8 @@ class FitGaussians:
         )
         work.log(run.step, event="clean", gaussians=len(gaussians), **removed)
         log.info("%d Gaussians after %d steps; removed %s", len(gaussians), self.steps, removed)
+        if self.judge is not None:
+            work.log(run.step, event="judged", **self.judge.judge(gaussians, self.backend))
         return gaussians
 
     def _shape(self, look: Look, run: "_Run") -> dict[str, float]:

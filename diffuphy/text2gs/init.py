@@ -19,6 +19,16 @@ log = logging.getLogger(__name__)
 Device = torch.device | str
 
 
+class Start(Protocol):
+    """What an optimisation may start from."""
+
+    def __call__(
+        self, look: Look, guidance: Any, generator: torch.Generator, sh_degree: int = 0, *, device: Device = "cpu"
+    ) -> Gaussians:
+        """Gaussians in the frame of the object, on the CPU."""
+        ...
+
+
 @dataclass(frozen=True)
 class Ball:
     """Grey Gaussians that fill a ball evenly: for priors that know no geometry."""

@@ -12,7 +12,7 @@ from torch import Tensor
 from diffuphy.render import ply
 from diffuphy.render.placement import Axis, Placement
 from diffuphy.render.sh import from_rgb
-from diffuphy.text2gs.load import check_turns, normalised
+from diffuphy.text2gs.normalise import check_turns, normalised
 from diffuphy.types import Gaussians, Look
 from diffuphy.workspace import Workspace
 

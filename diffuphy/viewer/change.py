@@ -15,6 +15,9 @@ from diffuphy.viewer.opened import Run
 DRAFT = 2000
 """Particles of a draft, at most: enough to see how a body bounces, sags or flows."""
 
+SKETCH = 500
+"""Particles of a sketch: coarser still, for a hand in it without a GPU."""
+
 MATERIALS = tuple(sorted(PRESETS))
 """Words that ``Change.material`` may be."""
 
@@ -59,7 +62,7 @@ class Change:
             "gravity ": None if self.gravity is None else f"{self.gravity:g} m/s²",
         }
         told = ", ".join(f"{word}{value}" for word, value in parts.items() if value is not None)
-        return (told or "as in the film") + ("" if self.particles is None else ", draft")
+        return (told or "as in the film") + ("" if self.particles is None else f", {self.particles} particles")
 
     def __call__(self, run: Run) -> "Setup":
         """The film's scene with these differences.

@@ -11,9 +11,9 @@ from diffuphy.mpm import Attractor, Drag, State
 from diffuphy.mpm.drive import Drive
 from diffuphy.mpm.scene import GRAVITY
 
-CAP = 100.0 * GRAVITY
-"""Largest acceleration by a hand that holds little [m/s²]; in a frame of 1/30 s it makes 33 m/s, as fast as waves in
-soft rubber, so that a frame takes at most about twice as many substeps as without."""
+CAP = 30.0 * GRAVITY
+"""Largest acceleration by a hand that holds little [m/s²]. The time step reckons with the 10 m/s that it makes in a
+frame of 1/30 s: in rubber, with waves of 30 m/s, a third more substeps than without a hand."""
 
 POKE = 0.1
 """How long a poke lasts [s]."""
@@ -53,7 +53,7 @@ class Hand:
         strength: α, in weights of the body [-].
     """
 
-    def __init__(self, m: Tensor, radius: float, strength: float = 5.0):
+    def __init__(self, m: Tensor, radius: float, strength: float = 3.0):
         self.m, self.radius, self.strength = m.detach().double().cpu(), radius, strength
         self._grip: _Grip | None = None
         self._held: tuple[Any, tuple[int, ...], float] | None = None

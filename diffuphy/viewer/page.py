@@ -2,7 +2,7 @@
 
 import math
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -10,9 +10,6 @@ from diffuphy.viewer.hand import slide
 from diffuphy.viewer.panel import Panel
 from diffuphy.viewer.session import Session
 from diffuphy.viewer.shot import Splats
-
-if TYPE_CHECKING:
-    from viser import ViserServer
 
 UNITS = 32.0
 """Units of the browser in the longest side of the body: it keeps covariances as half-precision numbers, whose digits
@@ -28,7 +25,7 @@ AZIMUTH, ELEVATION, DISTANCE = math.radians(-60.0), math.radians(14.0), 3.2
 class Splatting:
     """Gaussians in a browser's scene."""
 
-    def __init__(self, server: "ViserServer", splats: Splats, size: float):
+    def __init__(self, server: Any, splats: Splats, size: float):
         self.scale = UNITS / size
         self._handle = server.scene.add_gaussian_splats("/body", *self._sent(splats), scale=1.0 / self.scale)
 
@@ -45,18 +42,19 @@ class Page:
 
     Args:
         session: what is shown.
-        server: where.
+        server: where (a ``viser.ViserServer``).
     """
 
-    def __init__(self, session: Session, server: "ViserServer"):
+    def __init__(self, session: Session, server: Any):
         self.session, self.server = session, server
         self.size = session.run.motion.size
         splats = session.splats()
         self.splatting = Splatting(server, splats, self.size)
         self.panel = Panel(session, server)
         self._look(session)
-        self.body = server.scene.add_box("/hold", dimensions=(1.0, 1.0, 1.0), opacity=0.0, cast_shadow=False,
-                                         receive_shadow=False, visible=False)  # fmt: skip
+        # what takes the pointer; its faces are drawn into the depths, so only those behind the body may be there
+        self.body = server.scene.add_box("/hold", dimensions=(1.0, 1.0, 1.0), opacity=0.0, side="back",
+                                         cast_shadow=False, receive_shadow=False, visible=False)  # fmt: skip
         self._held: tuple[float, float, float] | None = None
         self.body.on_drag("left")(self._drag)
         self.body.on_click(self._click)
@@ -118,9 +116,9 @@ class Page:
         """Put the box that takes the pointer around the body."""
         self.body.visible = self.session.live is not None
         if self.body.visible:
-            low, high = np.quantile(splats.centers, [0.01, 0.99], axis=0)
+            low, high = splats.centers.min(0), splats.centers.max(0)
             self.body.position = tuple((low + high) / 2)
-            self.body.scale = tuple(np.maximum(high - low, 0.02 * self.size))
+            self.body.scale = tuple(high - low + 0.1 * self.size)
 
     def run(self) -> None:
         """Until Ctrl-C."""

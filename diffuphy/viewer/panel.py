@@ -1,13 +1,10 @@
 """The panel of the viewer's page."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from diffuphy.viewer.change import DRAFT, MATERIALS, Change, height_of
-from diffuphy.viewer.session import Session
+from diffuphy.viewer.change import DRAFT, MATERIALS, SKETCH, Change, height_of
+from diffuphy.viewer.session import REACH, Session
 from diffuphy.viewer.shot import VIEWS
-
-if TYPE_CHECKING:
-    from viser import ViserServer
 
 OWN = "as in the film"
 """The material that the run has found."""
@@ -15,8 +12,10 @@ OWN = "as in the film"
 LEGEND = 320
 """Height of the film for which legends are made [px]: it sets the size of their letters."""
 
-SIZES = ("draft", "film")
-"""How finely to simulate again."""
+SIZES = {"sketch": SKETCH, "draft": DRAFT, "film": None}
+"""How finely to simulate again: particles at most."""
+
+SIZED = f"{SKETCH}, {DRAFT} or all particles"
 
 
 class Panel:
@@ -27,7 +26,7 @@ class Panel:
         server: where they are.
     """
 
-    def __init__(self, session: Session, server: "ViserServer"):
+    def __init__(self, session: Session, server: Any):
         self.session, self.gui = session, server.gui
         self._painted: tuple[object, ...] = ()
         self._film()
@@ -71,7 +70,7 @@ class Panel:
             self.height = gui.add_number("height [m]", round(height_of(scene, run.particles), 3), min=0.0, step=0.05)
             self.velocity = gui.add_vector3("velocity [m/s]", scene.velocity, step=0.1)
             self.gravity = gui.add_number("gravity [m/s²]", -scene.gravity[2], step=0.1)
-            self.size = gui.add_dropdown("resolution", SIZES, hint=f"a draft has at most {DRAFT} particles")
+            self.size = gui.add_dropdown("resolution", tuple(SIZES), initial_value="draft", hint=SIZED)
             self.go = gui.add_button("Simulate", color="blue")
             self.stop = gui.add_button("Stop", visible=False)
             self.back = gui.add_button("Back to the film")
@@ -99,7 +98,7 @@ class Panel:
             height=touched("height"),
             velocity=touched("velocity"),
             gravity=touched("gravity"),
-            particles=DRAFT if self.size.value == "draft" else None,
+            particles=SIZES[self.size.value],
         )
 
     def _simulate(self, event: Any) -> None:
@@ -115,8 +114,8 @@ class Panel:
         gui = self.gui
         with gui.add_folder("Touch it"):
             self.touch = gui.add_button("Start")
-            self.strength = gui.add_slider("strength [weights]", 1.0, 20.0, 0.5, 5.0, hint="most force of the hand")
-            self.radius = gui.add_slider("radius / size", 0.05, 0.5, 0.01, 0.15, hint="of what the hand holds")
+            self.strength = gui.add_slider("strength [weights]", 0.5, 10.0, 0.5, 3.0, hint="most force of the hand")
+            self.radius = gui.add_slider("radius / size", 0.05, 0.5, 0.05, REACH, hint="of what the hand holds")
             self.rate = gui.add_markdown("a simulation that runs on, with a hand in it")
         self.touch.on_click(self._toggle)
         self.strength.on_update(self._grip)

@@ -4,10 +4,7 @@ import contextlib
 import io
 import logging
 import socket
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from viser import ViserServer
+from typing import Any
 
 log = logging.getLogger(__name__)
 
@@ -18,12 +15,15 @@ PORT = 8080
 """Where it listens unless told otherwise."""
 
 
-def serve(host: str = LOCAL, port: int = PORT, *, title: str = "diffuphy") -> "ViserServer":
+def serve(host: str = LOCAL, port: int = PORT, *, title: str = "diffuphy") -> Any:
     """Start a server, on the next free port if this one is taken.
 
     Args:
         host: address to listen at; others than ``LOCAL`` are reached from outside.
         port: first port to try.
+
+    Returns:
+        The ``viser.ViserServer``.
 
     Raises:
         ValueError: a port that there is not.

@@ -25,7 +25,7 @@ from diffuphy.viewer.shot import COARSE, Figure, Shot, Splats, Stage
 OUT = "viewer"
 """Folder within a run for what is exported here."""
 
-REACH = 0.15
+REACH = 0.25
 """Radius of a hand over the longest side of the body [-]."""
 
 Point = tuple[float, float, float]

@@ -13,7 +13,7 @@ from diffuphy.geometry import rotations
 from diffuphy.mpm import State
 from diffuphy.render import Skin
 from diffuphy.render.around import Around, Scenery, with_scenery
-from diffuphy.render.clip import limit_stretch
+from diffuphy.render.kinematics import limit_stretch
 from diffuphy.render.paint import PAINTED, Measured, Mixed, Moment, Painter, onto_gaussians, painter
 from diffuphy.render.sh import C0, from_rgb
 from diffuphy.types import Gaussians, MaterialField, Particles, Trajectory
@@ -56,6 +56,18 @@ class Splats(NamedTuple):
         )
 
 
+def _resting(g: Gaussians) -> tuple[Tensor, Tensor, Tensor]:
+    """R S, colours seen from nowhere in particular (the constant term), and opacities."""
+    axes = rotations(g.quats) * g.log_scales.exp()[:, None, :]
+    return axes, (0.5 + C0 * g.sh[:, 0]).clamp(0, 1), g.logit_opacities.sigmoid()[:, None]
+
+
+def still(gaussians: Gaussians) -> Splats:
+    """Gaussians as they are."""
+    M, rgb, opacity = _resting(gaussians)
+    return Splats(*(t.detach().float().numpy() for t in (gaussians.means, M @ M.mT, rgb, opacity)))
+
+
 @dataclass(frozen=True)
 class Figure:
     """Gaussians that follow particles, in main memory."""
@@ -75,10 +87,7 @@ class Figure:
 
     @cached_property
     def _rest(self) -> tuple[Tensor, Tensor, Tensor]:
-        """R S, colours seen from nowhere in particular (the constant term), and opacities."""
-        g = self.skin.gaussians
-        axes = rotations(g.quats) * g.log_scales.exp()[:, None, :]
-        return axes, (0.5 + C0 * g.sh[:, 0]).clamp(0, 1), g.logit_opacities.sigmoid()[:, None]
+        return _resting(self.skin.gaussians)
 
     def __call__(self, x: Tensor, F: Tensor, colors: Tensor | None = None) -> Splats:
         """Gaussians for particles at ``x`` (N, 3) [m] deformed by ``F`` (N, 3, 3).

@@ -6,8 +6,10 @@ import math
 import torch
 
 from diffuphy.render import Film
+from diffuphy.render.around import with_scenery
 from diffuphy.render.rigs import Resting
 from diffuphy.render.sh import from_rgb
+from diffuphy.render.skin import Skin
 from diffuphy.types import Gaussians, Particles, Trajectory
 from diffuphy.workspace import Workspace
 
@@ -22,8 +24,13 @@ class Wall:
             torch.full((n,), 6.0), from_rgb(torch.tensor(rgb)).repeat(n, 1, 1),
         )  # fmt: skip
 
+    ground: float | None = None
+
     def rest(self) -> Gaussians | None:
         return self.gaussians if len(self.gaussians) else None
+
+    def floor(self) -> float | None:
+        return self.ground
 
 
 def take(around, **settings):
@@ -68,6 +75,19 @@ def test_a_wall_before_the_object_hides_it_and_one_behind_does_not() -> None:
     for rgb in (before, behind):
         green = colour(rgb, 1)
         assert green[0].any() and (green[0] & ~green[1]).sum() <= colour(rgb[1], 2).sum()
+
+
+def test_a_ground_of_the_scene_is_the_floor() -> None:
+    """z = scale · (z_rest − ground), whatever the object's underside: at 0.1 m a unit, points at −1, 0, 1 over a ground
+    at −0.5 end at −0.05, 0.05 and 0.15 m."""
+    around = Wall(torch.tensor([[0.0, 0.0, -1.0], [0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), (0.0, 1.0, 0.0))
+    x = torch.tensor([[0.0, 0.0, 0.3], [0.0, 0.0, 0.4]])
+    particles = Particles(x, torch.full((2,), 1e-5), torch.arange(2), 0.1, (0.0, 0.0, 0.2), 0.02)
+    skin = Skin.bind(Wall(x / 0.1, (0.0, 0.0, 1.0)).gaussians, particles)
+    for ground, heights in ((-0.5, [-0.05, 0.05, 0.15]), (None, [-0.2, -0.1, 0.0])):
+        around.ground = ground
+        still = with_scenery(skin, around, particles).gaussians.means[2:]
+        torch.testing.assert_close(still[:, 2], torch.tensor(heights), rtol=0, atol=1e-6)
 
 
 def test_nothing_around_changes_no_bit() -> None:

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from diffuphy.render import Film, contact_sheet, sh, write_mp4, write_png
-from diffuphy.render.clip import limit_stretch
+from diffuphy.render.kinematics import limit_stretch
 from diffuphy.render.paths import path
 from diffuphy.render.rigs import Resting
 from diffuphy.types import Clip, Gaussians, Particles, Trajectory

@@ -4,12 +4,14 @@ import dataclasses
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
 from diffuphy.artifact import describe
 from diffuphy.geometry import covariances
 from diffuphy.render import orbit, ply, render_gaussians
+from diffuphy.render.placement import Placement
 from diffuphy.text2gs.load import LoadGaussians
 from diffuphy.types import Gaussians, Look
 from diffuphy.workspace import Workspace
@@ -186,3 +188,96 @@ def test_an_object_without_extent_is_an_error(tmp_path) -> None:
     ply.write(tmp_path / "g.ply", dataclasses.replace(s, means=torch.ones(5, 3)))
     with pytest.raises(ValueError, match="lie in one point"):
         LoadGaussians(str(tmp_path / "g.ply"))(LOOK)
+
+
+# --------------------------------------------------------------------------- what is the object
+def table_scene(folder: Path, tilt: float = 0.0) -> tuple[str, Gaussians]:
+    """200 Gaussians in the unit cube about (3, 2, 1) over a ground of 300 at z = 0.4, z up; turned about x [deg]."""
+    r = torch.Generator().manual_seed(2)
+    top = scene(200)
+    flat = torch.rand(300, 3, generator=r) * torch.tensor([6.0, 6.0, 0.0]) + torch.tensor([0.0, -1.0, 0.4])
+    names = [f.name for f in dataclasses.fields(Gaussians)]
+    both = Gaussians(**{n: torch.cat([getattr(top, n), getattr(scene(300), n)]) for n in names})
+    both = dataclasses.replace(both, means=torch.cat([top.means, flat]))
+    both = Placement.turns([("x", tilt)])(both)
+    ply.write(folder / "table.ply", both, up="z_up")
+    return str(folder / "table.ply"), both
+
+
+def test_a_mask_chooses_beside_the_region(tmp_path) -> None:
+    """What is in both is the object; what is left is the rest, and nothing is lost."""
+    path, g = table_scene(tmp_path)
+    mask = torch.arange(500) % 2 == 0
+    np.save(tmp_path / "mask.npy", mask.numpy())
+    load = LoadGaussians(path, up="z_up", mask=str(tmp_path / "mask.npy"), region=(0, 6, 0, 6, 0.45, 2))
+    chosen = mask & (g.means[:, 2] >= 0.45)
+    found, rest = load(LOOK), load.rest()
+    assert len(found) == int(chosen.sum()) and rest is not None and len(found) + len(rest) == 500
+    assert torch.equal(found.sh, g.sh[chosen])
+
+
+def test_labels_with_a_material_are_the_object(tmp_path) -> None:
+    """Those without a word stand still; marks of haze go with it, so that the others stay in order."""
+    g = scene(90)
+    g.logit_opacities[::3] = -9.0  # haze
+    ply.write(tmp_path / "a.ply", g, up="z_up")
+    labels = torch.arange(90) % 4
+    np.save(tmp_path / "l.npy", labels.numpy())
+    load = LoadGaussians(
+        str(tmp_path / "a.ply"), up="z_up", labels=str(tmp_path / "l.npy"), materials={1: "rubber", 3: "sand"}
+    )
+    keep = (torch.arange(90) % 3 > 0) & (labels % 2 == 1)
+    assert torch.equal(load(LOOK).sh, g.sh[keep]) and torch.equal(load.kinds(), labels[keep])
+    rest = load.rest()
+    assert rest is not None and len(rest) == 60 - int(keep.sum())
+
+
+@pytest.mark.parametrize(("tilt", "up"), [(0.0, "z_up"), (15.0, "z_up"), (140.0, "ground")])
+def test_what_is_above_the_ground_is_the_object(tilt, up, tmp_path) -> None:
+    """The ground is found and made level: the object is the same however the file was turned, but for a turn about the
+    vertical, and its floor is the ground: 0.1 below the cube about (3, 2, 1), scaled as it is."""
+    path, _ = table_scene(tmp_path, tilt)
+    load = LoadGaussians(path, up=up, ground="found", turns=())
+    g, rest, floor = load(LOOK), load.rest(), load.floor()
+    assert len(g) == 200 and rest is not None and len(rest) == 300 and floor is not None
+    s = scene().means
+    scale = 2 / float((s.amax(0) - s.amin(0)).amax())
+    # heights over the ground do not depend on the turn; the level one is good to the ground's fit, here exact points
+    heights = torch.sort(g.means[:, 2] - floor).values / float(scale_of(g, s))
+    torch.testing.assert_close(heights, torch.sort(s[:, 2] - 0.4).values, rtol=0, atol=5e-3)
+    assert tilt or float(floor) == pytest.approx(scale * (0.4 - float(s[:, 2].amin() + s[:, 2].amax()) / 2), abs=1e-5)
+    torch.testing.assert_close(rest.means[:, 2], torch.full((300,), floor), rtol=0, atol=1e-4)
+
+
+def scale_of(g: Gaussians, s: torch.Tensor) -> torch.Tensor:
+    """How much larger the placed object is, by its mean distance from its middle."""
+    return (g.means - g.means.mean(0)).norm(dim=1).mean() / (s - s.mean(0)).norm(dim=1).mean()
+
+
+def test_a_given_ground_cuts_without_turning(tmp_path) -> None:
+    path, g = table_scene(tmp_path)
+    load = LoadGaussians(path, up="z_up", ground=0.4)
+    assert len(load(LOOK)) == 200 and torch.equal(load(LOOK).quats, g.quats[:200])
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ({"labels": "l.npy"}, "belong together"),
+        ({"materials": {1: "rubber"}}, "belong together"),
+        ({"labels": "l.npy", "materials": {9: "rubber"}}, "names the label 9"),
+        ({"mask": "l.npy"}, "must be 0 and 1"),
+        ({"mask": "n.npy"}, "there is no file"),
+        ({"ground": "there"}, "must be 'found'"),
+        ({"ground": math.inf}, "must be 'found'"),
+        ({"up": "ground"}, "needs ground=found"),
+        ({"up": "ground", "ground": "found", "turns": [["x", 90]]}, "needs ground=found"),
+        ({"ground": 5.0}, "no Gaussian is in region and mask and above the ground"),
+        ({"ground": "found"}, "no ground found"),
+    ],
+)
+def test_parts_that_cannot_be_are_refused(settings, says, path, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    np.save("l.npy", torch.arange(200).remainder(4).numpy())
+    with pytest.raises(ValueError, match=says):
+        LoadGaussians(path, **{"up": "z_up"} | settings)(LOOK)
