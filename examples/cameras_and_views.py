@@ -1,7 +1,9 @@
 """The same motion seen in other ways: a camera that walks round, and stress, stiffness, volume and speed in colours.
 
-python examples/cameras_and_views.py
-python examples/cameras_and_views.py experiment=tiny
+    python examples/cameras_and_views.py
+    python examples/cameras_and_views.py experiment=tiny
+
+Half as fast as physics. Writes outputs/examples/runs/a-jelly-cube-bouncing-…/: film.mp4 and a film of each view.
 """
 
 import sys
@@ -10,13 +12,14 @@ import diffuphy
 from diffuphy.making import Made
 
 
-def main(*overrides: str) -> Made:
+def main(*settings: str) -> Made:
     made = diffuphy.film(
         "a jelly cube bouncing",
+        "store=outputs/examples",
         "camera=turntable",
         "film.slow=2",
         "film.also=[stress,J,velocity,depth,normals]",
-        *overrides,
+        *settings,
     )
     print(*(f"{kind}: {path}" for kind, path in made.files.items()), sep="\n")
     return made

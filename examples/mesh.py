@@ -1,9 +1,10 @@
-"""A mesh is filmed like anything else: here a knot of foam, in the colours of its vertices.
+"""A mesh is filmed like anything else: here a knot, in the colours of its vertices.
 
     python examples/mesh.py gaussians.path=bear.glb                  # yours: .glb .gltf .obj .off .ply .stl
     python examples/mesh.py experiment=tiny                          # without one, a trefoil knot is written
 
-Wants trimesh (pip install 'diffuphy[mesh]'). Writes outputs/examples/knot.glb and outputs/examples/runs/a-foam-knot-falling-…/.
+Wants trimesh (pip install 'diffuphy[mesh]'). Writes outputs/examples/knot.glb and the run's folder,
+outputs/examples/runs/a-rubber-knot-bouncing-…/.
 """
 
 import sys
@@ -44,7 +45,7 @@ def main(*settings: str) -> Made:
         mesh = Path("outputs/examples/knot.glb")
         write_knot(mesh)
         given.append(f"gaussians.path={mesh}")
-    made = diffuphy.film("a foam knot falling", "gaussians=mesh", "store=outputs/examples", *given)
+    made = diffuphy.film("a rubber knot bouncing", "gaussians=mesh", "store=outputs/examples", *given)
     print(made.files["film"])
     return made
 

@@ -1,4 +1,4 @@
-"""Walls that move: a pin rolls over dough, then a plate sets on it. Each wall is one line; the film shows them too.
+"""Walls that move: a pin rolls over dough. A wall is one line; the film shows it too.
 
     python examples/moving_walls.py                                  # 6000 particles, 1.5 s at 30 frames a second
     python examples/moving_walls.py --particles 500 --frames 12
@@ -11,6 +11,7 @@ import dataclasses
 import math
 from pathlib import Path
 
+import numpy as np
 import torch
 
 from diffuphy.material.presets import field, lookup
@@ -34,16 +35,24 @@ def lattice(*sides: float, spacing: float) -> torch.Tensor:
 
 def with_pin(motion: Trajectory, pin: Cylinder, spacing: float) -> tuple[Trajectory, torch.Tensor, torch.Tensor]:
     """The motion with the pin as further particles; their places at first and their colours."""
-    side = torch.arange(0, 2 * math.pi, spacing / RADIUS)
-    at = torch.cartesian_prod(side, torch.arange(-pin.height / 2, pin.height / 2, spacing))
-    skin = torch.stack([RADIUS * at[:, 0].cos(), at[:, 1], RADIUS * at[:, 0].sin()], 1)
-    wood = torch.where((at[:, :1] % (math.pi / 2)) < 0.35, torch.tensor([0.45, 0.27, 0.13]), torch.tensor([0.80, 0.60, 0.36]))
+    line = torch.arange(-RADIUS, RADIUS + spacing, spacing / 2)
+    along = torch.arange(-pin.height / 2, pin.height / 2 + spacing, spacing / 2)
+    skin = torch.cartesian_prod(line, along, line)
+    r = skin[:, ::2].norm(dim=1)
+    rim = (RADIUS - r).abs() < spacing / 3
+    cap = (r < RADIUS) & (skin[:, 1].abs() > along[-1] - spacing / 3)
+    skin, r = skin[rim | cap], r[rim | cap]
+    angle = torch.atan2(skin[:, 2], skin[:, 0]) % (math.pi / 2)
+    wood = torch.where((angle < 0.35)[:, None], torch.tensor([0.45, 0.27, 0.13]), torch.tensor([0.80, 0.60, 0.36]))
     pose = pin.pose(torch.arange(len(motion.x)).double().numpy() / motion.fps)
     turn, place = torch.from_numpy(pose.rotation).float(), torch.from_numpy(pose.place).float()
     x = torch.einsum("tij,nj->tni", turn, skin) + place[:, None]
     F = turn[:, None].expand(-1, len(skin), 3, 3)
     joined = dataclasses.replace(
-        motion, x=torch.cat([motion.x, x], 1), v=torch.cat([motion.v, torch.zeros_like(x)], 1), F=torch.cat([motion.F, F], 1)
+        motion,
+        x=torch.cat([motion.x, x], 1),
+        v=torch.cat([motion.v, torch.zeros_like(x)], 1),
+        F=torch.cat([motion.F, F], 1),
     )
     return joined, x[0], wood
 
@@ -58,10 +67,12 @@ def main(particles: int = 6000, frames: int = 45, out: str = "outputs/examples")
     )  # fmt: skip
     scene = Scene(dx=2 * a, fps=30, frames=frames, boundaries=(HalfSpace(friction=0.8), pin))
     motion = rollout(scene, x, vol, field(lookup("playdoh"), len(x)))
-    rolled = motion.x[-1][(motion.x[-1, :, 0] < pin.pose(torch.tensor([frames / 30.0]).numpy()).place[0, 0] - RADIUS)]
-    thick = rolled[:, 2].quantile(0.98).item() + a / 2
+    end, now = motion.x[-1], pin.pose(np.array([frames / scene.fps])).place[0, 0]
+    thick = end[end[:, 0] < now - RADIUS, 2].quantile(0.98).item() + a / 2
     print(f"{thick * 100:.1f} cm thick behind the pin, which leaves {GAP * 100:.1f} cm; {HEIGHT * 100:.1f} cm before")
-    stripes = torch.where(((x[:, 0] / 0.05).floor() % 2 == 0)[:, None], torch.tensor([0.93, 0.45, 0.42]), torch.tensor([0.96, 0.83, 0.55]))
+    stripes = torch.where(
+        ((x[:, 0] / 0.05).floor() % 2 == 0)[:, None], torch.tensor([0.93, 0.45, 0.42]), torch.tensor([0.96, 0.83, 0.55])
+    )
     shown, pin_x, wood = with_pin(motion, pin, a)
     rgb = torch.cat([stripes, wood])
     actors = cloud(torch.cat([x, pin_x]), torch.full((len(rgb),), a**3), rgb)

@@ -2,8 +2,9 @@
 
     ψ = μ |e|² + λ/2 (tr e)² + β μ |e|⁴,   T_i = (2μ + 4βμ |e|²) e_i + λ tr e
 
-A law is its energy, its principal stress, the adjoint of that and the divided differences of the stress; it may lean on another one, as here. What follows
-by itself: kernels for CPU and CUDA, gradients through the simulation, mixtures with every other law, the time step.
+A law is its energy, its principal stress, the adjoint of that and the divided differences of the stress; it may lean
+on another one, as here. What follows by itself: kernels for CPU and CUDA, gradients through the simulation, mixtures
+with every other law, the time step.
 
     python examples/new_law.py
     python examples/new_law.py 300                         # particles

@@ -27,12 +27,19 @@ def write_duck(file: Path, balls: int = 6000) -> None:
     """A duck between three mushrooms on a lawn, in the layout of 3D Gaussian splatting, degree 0, y down."""
     shelf, seed = Library(), torch.Generator().manual_seed(0)
     parts = []
-    for name, angle, size in (("duck", 0.0, 1.0), ("mushroom", 0.6, 0.8), ("mushroom", 2.4, 0.5), ("mushroom", 4.9, 0.3)):
+    for name, angle, size in (
+        ("duck", 0.0, 1.0),
+        ("mushroom", 0.6, 0.8),
+        ("mushroom", 2.4, 0.5),
+        ("mushroom", 4.9, 0.3),
+    ):
         x, rgb = shelf.object(Look(name, "")).surface(balls, seed)
         x = (x - torch.tensor([0.0, 0.0, x[:, 2].min()])) * size
         away = 0.0 if name == "duck" else 1.9
         parts.append((x + torch.tensor([away * math.cos(angle), away * math.sin(angle), -0.99]), rgb))
-    lawn = (torch.rand(2 * balls, 3, generator=seed) - 0.5) * torch.tensor([5.5, 5.5, 0.02]) - torch.tensor([0, 0, 1.01])
+    lawn = (torch.rand(2 * balls, 3, generator=seed) - 0.5) * torch.tensor([5.5, 5.5, 0.02]) - torch.tensor(
+        [0, 0, 1.01]
+    )
     lawn = lawn[lawn[:, :2].norm(dim=1) < 2.75]
     parts.append((lawn, torch.tensor([0.30, 0.48, 0.16]) * (0.7 + 0.5 * torch.rand(len(lawn), 1, generator=seed))))
     x, rgb = (torch.cat(t) for t in zip(*parts, strict=True))

@@ -3,8 +3,8 @@
     python examples/sentence.py
     python examples/sentence.py experiment=tiny seed=3
 
-Arguments are settings, as those of train.py. Writes outputs/examples/runs/a-rubber-burger-falling-…/: film.mp4, contact_sheet.png,
-report.html and the rest.
+Arguments are settings, as those of train.py. Writes outputs/examples/runs/a-rubber-burger-falling-…/: film.mp4,
+contact_sheet.png, report.html and the rest.
 """
 
 import sys
