@@ -1,6 +1,6 @@
 """Walls that move: a pin rolls over dough. A wall is one line; the film shows it too.
 
-    python examples/moving_walls.py                                  # 6000 particles, 1.5 s at 30 frames a second
+    python examples/moving_walls.py                                  # 6000 particles, 1.3 s at 30 frames a second
     python examples/moving_walls.py --particles 500 --frames 12
 
 Writes moving_walls.mp4 and .png into --out and prints how thick the dough is where the pin has been.
@@ -18,6 +18,7 @@ from diffuphy.material.presets import field, lookup
 from diffuphy.mpm import Cylinder, HalfSpace, Scene, rollout
 from diffuphy.render import Film, contact_sheet, write_mp4, write_png
 from diffuphy.render.cloud import cloud
+from diffuphy.render.rigs import Resting
 from diffuphy.types import Trajectory
 from diffuphy.workspace import Workspace
 
@@ -57,12 +58,12 @@ def with_pin(motion: Trajectory, pin: Cylinder, spacing: float) -> tuple[Traject
     return joined, x[0], wood
 
 
-def main(particles: int = 6000, frames: int = 45, out: str = "outputs/examples") -> float:
+def main(particles: int = 6000, frames: int = 40, out: str = "outputs/examples") -> float:
     a = (LENGTH * DEPTH * HEIGHT / particles) ** (1 / 3)
     x = lattice(LENGTH, DEPTH, HEIGHT, spacing=a)
     vol = torch.full((len(x),), a**3)
     pin = Cylinder(
-        center=(-0.32, 0, GAP + RADIUS), axis=(0, 1, 0), radius=RADIUS, height=0.4,
+        center=(-0.26, 0, GAP + RADIUS), axis=(0, 1, 0), radius=RADIUS, height=0.4,
         velocity=(SPEED, 0, 0), angular_velocity=(0, SPEED / RADIUS, 0), friction=0.5,
     )  # fmt: skip
     scene = Scene(dx=2 * a, fps=30, frames=frames, boundaries=(HalfSpace(friction=0.8), pin))
@@ -76,7 +77,8 @@ def main(particles: int = 6000, frames: int = 45, out: str = "outputs/examples")
     shown, pin_x, wood = with_pin(motion, pin, a)
     rgb = torch.cat([stripes, wood])
     actors = cloud(torch.cat([x, pin_x]), torch.full((len(rgb),), a**3), rgb)
-    clip = Film(width=480, height=320)(*actors, shown, work=Workspace())
+    film = Film(width=360, height=360, camera=Resting(azimuth=-72.0, elevation=20.0))
+    clip = film(*actors, shown, work=Workspace())
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     write_mp4(folder / "moving_walls.mp4", clip.rgb, clip.fps)
@@ -87,6 +89,6 @@ def main(particles: int = 6000, frames: int = 45, out: str = "outputs/examples")
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--particles", type=int, default=6000)
-    parser.add_argument("--frames", type=int, default=45)
+    parser.add_argument("--frames", type=int, default=40)
     parser.add_argument("--out", default="outputs/examples")
     main(**vars(parser.parse_args()))
