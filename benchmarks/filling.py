@@ -22,6 +22,7 @@ from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.mpm.fill import outside
 from diffuphy.mpm.filling import Rays
 from diffuphy.mpm.sample import Sample
+from diffuphy.text2gs.cameras import Orbits
 from diffuphy.text2gs.fit import FitGaussians
 from diffuphy.text2gs.shapes import Library
 from diffuphy.text2gs.shapes.catalogue import RECIPES
@@ -45,14 +46,15 @@ def volume(body: Shape) -> tuple[float, float]:
 
 def fitted(name: str, steps: int, fits: Path | None) -> tuple[Gaussians, float]:
     """Gaussians of the object, and the pixel they were fitted with."""
-    fit = FitGaussians(Analytic(Library()), steps=steps)
+    cameras = Orbits()
+    fit = FitGaussians(Analytic(Library()), cameras, steps=steps)
     if fits is not None and (fits / name / "result.json").exists():
-        return Gaussians.load(fits / name), fit.cameras.pixel
+        return Gaussians.load(fits / name), cameras.pixel
     gaussians = fit(Look(name, f"a {name}"))
     if fits is not None:
         (fits / name).mkdir(parents=True, exist_ok=True)
         gaussians.save(fits / name)
-    return gaussians, fit.cameras.pixel
+    return gaussians, cameras.pixel
 
 
 def measure(name: str, steps: int, fits: Path | None) -> dict[str, Any]:

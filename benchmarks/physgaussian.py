@@ -98,27 +98,28 @@ TINY = ("film.width=64", "film.height=64")
 FOUR = ("+sample.per_cell=4", "+scene.particles_per_cell=4", "+sample.max_particles=26000")
 """Four particles a cell instead of eight, where a thin wall asks for small cells."""
 
-HOLLOW = ("sample.fill=none",)
+HOLLOW = ("sample=none",)
 
 SCENES = {
     s.name: s
     for s in (
         Scene(
             "ficus", 1.0, sway,
-            ("+sample.cells=20", "scene.seconds=2", "scene.particles=1000000", "+film.azimuth=-90"),
+            ("+sample.cells=20", "scene.seconds=2", "scene.particles=1000000", "camera.azimuth=-90"),
             ("+sample.cells=8", "scene.seconds=1", "scene.particles=1000000"),
         ),
         Scene("wolf", 1.0, heap, ("+sample.cells=20", "+film.stretch=1.5"), ("+sample.cells=8",)),
         Scene("jam", 0.5, puddle, ("+sample.cells=16",), ("+sample.cells=8", "scene.seconds=1")),
         Scene(
             "can", 0.5, dent,
-            ("+sample.cells=20", *HOLLOW, "scene.seconds=0.6", "+film.azimuth=-70"),
+            ("+sample.cells=20", *HOLLOW, "scene.seconds=0.6", "camera.azimuth=-70"),
             ("+sample.cells=18", *HOLLOW, *FOUR, "scene.seconds=0.4"),
         ),
         Scene(
             "pillow", 1.0, cushions,
             ("+sample.cells=33", *FOUR, "scene.seconds=3", "scene.scheme.retain=0"),
-            ("+sample.cells=33", "+sample.per_cell=2", "+scene.particles_per_cell=2", "scene.seconds=2"),
+            ("+sample.cells=33", "+sample.per_cell=2", "+scene.particles_per_cell=2", "scene.seconds=2",
+             "scene.scheme.retain=0"),
         ),
     )
 }  # fmt: skip
@@ -181,10 +182,12 @@ file pushes each particle of its scene by 0.18 N for 0.1 ms; how many those were
 `release_particles_sequentially`, onto a floor that holds.""",
     "jam": """Foam with a yield stress of 50 Pa falls 0.15 m onto a floor that holds, and flows until its weight no
 longer shears it.""",
-    "can": """A shell of metal (`sample.fill=none`) on a floor that holds; a bar, a sticky `cuboid`, pushes it in for
+    "can": """A shell of metal (`sample=none`) on a floor that holds; a bar, a sticky `cuboid`, pushes it in for
 0.25 s and is gone.""",
     "pillow": """A bed that is held, and two cushions in the air, each held by a `cuboid`, the lower one for 0.5 s and
-the upper one for 1 s. `sim_area` of the file is applied.""",
+the upper one for 1 s. `sim_area` of the file is applied. Held particles do not deform, so the bed has no stress of its
+own, and only the grid nodes that it shares with the cushions stop them; `scene.scheme.retain=0`,
+without which they sink through it.""",
 }
 """What happens in each scene."""
 

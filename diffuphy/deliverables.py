@@ -18,8 +18,9 @@ from diffuphy.render.paint import Mixed
 from diffuphy.render.ply import write as write_ply
 from diffuphy.render.report import Report, Section
 from diffuphy.render.sh import from_rgb
+from diffuphy.render.video import playback
 from diffuphy.scorecard import scorecard, section
-from diffuphy.types import Gaussians, MaterialField, Particles
+from diffuphy.types import Clip, Gaussians, MaterialField, Particles
 
 FILM = "mp4"
 """The format of a film that everybody can play."""
@@ -72,10 +73,20 @@ def export(
         settings=settings,
         stages=[{"name": d.name, "cached": d.cached, "seconds": d.seconds, "megabytes": d.megabytes} for d in done],
         numbers=numbers(at),
-        warnings=[*warnings, *limited(at["clip"])],
+        warnings=[*warnings, *speed(clip), *limited(at["clip"])],
         sections=sections(done),
     )
     return files
+
+
+def speed(clip: Clip) -> list[str]:
+    """What a reader must know of how fast a film is played."""
+    if clip.slow == 1.0:
+        return []
+    how = f"{clip.slow:g} times slower" if clip.slow > 1 else f"{1 / clip.slow:g} times faster"
+    return [
+        f"The film is played {how} than it happens: {clip.fps:g} frames of a second as {playback(clip):g} a second."
+    ]
 
 
 def limited(clip: Path) -> list[str]:

@@ -37,7 +37,7 @@ def conf(tmp_path, monkeypatch):
         "defaults: [fit: sds, guidance: analytic, _self_, experiment: null, override hydra/help: film,\n"
         "  override hydra/job_logging: lines, override hydra/hydra_logging: lines]\n"
         f"prompt: ???\nseed: 0\nstore: {tmp_path}/outputs\ndevice: auto\nthreads: 1\nuntil: clip\nforce: []\n"
-        "accuracy: null\ncheckpoint_seconds: 3\n"
+        "outputs: [mp4]\nviewer: 'off'\naccuracy: null\ncheckpoint_seconds: 3\n"
         "stages: {clip: '${clip}'}\nclip: {_target_: fractions.Fraction, _args_: ['${prompt}']}\n"
         + text[text.index("\nhydra:") :]
     )

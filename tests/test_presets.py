@@ -156,3 +156,16 @@ def test_a_checkpoint_that_is_not_there_is_one_line(tmp_path, models, capsys):
     said = capsys.readouterr().err.strip().splitlines()[-1]
     assert status == 2 and said.startswith("error: ") and "fit.shape.guidance.checkpoint=" in said
     assert "base_40m_textvec.pt" in said and "MIT" in said
+
+
+def test_a_small_run_starts_from_a_cloud_of_point_e() -> None:
+    """``tiny`` says how many points a surface cloud has; a prior that draws the cloud does not ask."""
+    start = components("experiment=tiny", "fit=point_e")["gaussians"].init
+    assert type(start).__name__ == "PointECloud" and start.count == 4096
+    assert components("experiment=tiny")["gaussians"].init.count == 800
+
+
+@pytest.mark.parametrize("preset", ["tiny", "fast", "quality"])
+def test_a_stated_material_bears_the_settings_of_a_fit(preset: str) -> None:
+    made = components(f"experiment={preset}", "material=stated", "scene=stated")["material"]
+    assert type(made).__name__ == "StatedMaterial" and made.plastic == ("identity",)

@@ -1,5 +1,7 @@
 """One HTML file that plays the motion in 3D: nothing is fetched, it opens from a disk or an attachment."""
 
+import contextlib
+import io
 import logging
 from pathlib import Path
 from typing import Any
@@ -41,11 +43,12 @@ def html(run: Run, options: Options) -> list[Path]:
     frames = len(run.trajectory.x)
     step = max(options.every, -(-frames // options.page_frames))
     slow = run.clip.slow if "clip" in run.results else 1.0
-    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
-    try:
-        text = _recorded(server, run, keep, range(0, frames, step), slow * step / run.trajectory.fps)
-    finally:
-        server.stop()
+    with contextlib.redirect_stdout(io.StringIO()):  # it says where it serves, which nobody is to know
+        server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+        try:
+            text = _recorded(server, run, keep, range(0, frames, step), slow * step / run.trajectory.fps)
+        finally:
+            server.stop()
     file = options.folder / "play.html"
     file.write_text(text, encoding="utf-8")
     log.info(

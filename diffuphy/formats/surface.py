@@ -1,10 +1,11 @@
-"""The surface of every frame as a mesh with colours: where half of space is matter, by marching cubes.
+"""The surface of every frame as a mesh with colours: where matter begins, by marching cubes.
 
-    φ(x) = Σ_p V_p J_p N(x; x_p, σ²),   surface φ = ½
+    φ(x) = Σ_p V_p J_p N(x; x_p, σ²),   surface φ = c with |{φ > c}| = Σ_p V_p J_p
 
 The density that is asked is that of the particles, which fill the body, not that of the Gaussians, which are its skin
 and would have a second surface inside (DreamGaussian, Tang et al. 2024, section 3.2, queries them). φ is 1 inside and
-½ on a flat boundary: volumes are kept. Colours are those of the nearest Gaussians.
+½ on a flat boundary; the level c that keeps the volume of the matter is a little lower where the boundary is curved.
+Colours are those of the nearest Gaussians.
 """
 
 import math
@@ -21,14 +22,17 @@ from diffuphy.formats.run import Run
 from diffuphy.render.sh import C0
 
 BLUR = 1.0
-"""σ over the spacing of the particles [-]: φ varies by some per cent between them. What is thinner than 1.35 σ has no
-surface: φ = erf(t/(2√2 σ)) in the middle of a plate of thickness t."""
+"""σ over the spacing of the particles [-]: φ varies by some per cent between them, and what is finer is
+smoothed."""
 
 REACH = 4.0
 """Distance at which a particle's density ends, over σ [-]: e⁻⁸ of its middle."""
 
 NEAREST = 4
 """Gaussians whose mean colour a vertex has."""
+
+CLEAR = 1e-3
+"""Least distance of φ at a node from the level [-]: moves the surface by less than a hundredth of a cell."""
 
 MOST = 2**27
 """Most cells of a grid: half a gigabyte."""
@@ -95,7 +99,7 @@ def surface(run: Run, t: int, resolution: int) -> Mesh:
 
 
 def level(x: Tensor, volume: Tensor, cell: float, sigma: float) -> tuple[Tensor, Tensor]:
-    """Vertices (V, 3) [m] and triangles (F, 3) of φ = ½.
+    """Vertices (V, 3) [m] and triangles (F, 3) of φ = c, which enclose the volume of the matter.
 
     Args:
         x: particles, shape (N, 3) [m].
@@ -112,14 +116,18 @@ def level(x: Tensor, volume: Tensor, cell: float, sigma: float) -> tuple[Tensor,
             f"there is no surface: the densest place is filled by {float(phi.amax()):.0%}: the particles have come "
             "apart"
         )
+    inside = round(float(volume.sum()) / cell**3)
+    c = float(phi.flatten().kthvalue(max(1, phi.numel() - inside)).values)
+    # where φ = c at a node, several vertices would be in one place, and readers that join them would open the surface
+    phi = torch.where((phi - c).abs() < CLEAR, c + CLEAR * torch.where(phi > c, 1.0, -1.0), phi)
     import warp as wp
     from warp.geometry import IsoSurfaceMarchingCubes
 
     upper = origin + cell * (torch.tensor(phi.shape) - 1)
     vertices, faces = IsoSurfaceMarchingCubes.extract(
-        wp.from_torch(phi.contiguous()), 0.5, lower=wp.vec3(*origin.tolist()), upper=wp.vec3(*upper.tolist())
+        wp.from_torch(phi.contiguous()), c, lower=wp.vec3(*origin.tolist()), upper=wp.vec3(*upper.tolist())
     )
-    return wp.to_torch(vertices).clone(), wp.to_torch(faces).reshape(-1, 3).clone()
+    return wp.to_torch(vertices).clone(), wp.to_torch(faces).reshape(-1, 3).flip(1)  # matter is where φ is high
 
 
 def density(x: Tensor, volume: Tensor, cell: float, sigma: float) -> tuple[Tensor, Tensor]:

@@ -2,6 +2,7 @@
 
 read        file → ``SceneFile``, every key checked, defaults filled in
 scene       file → the component that plays it (``mpm.stated.Stated``)
+camera      file → what holds the camera of its film (``render.rigs``)
 material    file → the component that says what it is made of (``material.stated.StatedMaterial``)
 sample      file → the component that makes its particles, filled as it says (``mpm.sample.Sample``)
 gaussians   file → the component that reads a trained scene as it prepares it (``text2gs.load.LoadGaussians``)
@@ -23,7 +24,7 @@ from diffuphy.physgaussian.table import table
 from diffuphy.physgaussian.world import world
 from diffuphy.text2gs.load import LoadGaussians
 
-__all__ = ["SceneFile", "gaussians", "material", "played", "read", "sample", "scene", "table"]
+__all__ = ["SceneFile", "camera", "gaussians", "material", "played", "read", "sample", "scene", "table"]
 
 log = logging.getLogger(__name__)
 
@@ -81,6 +82,21 @@ def scene(
     written = _named(file)
     log.info("%s", table(written, particles))
     return played(written, particles, seconds=seconds, fps=fps, **settings)
+
+
+def camera(file: str | None = None, scene: Any = None, fov: float = 32.0) -> Any:
+    """What holds the camera of the film: that of the scene file at a path; see ``physgaussian.views.filmed``.
+
+    Args:
+        scene: who reads the Gaussians of the scene; None where they are not given.
+        fov: angle across the shorter side, where no camera of the scene says it [deg].
+
+    Raises:
+        ValueError: see ``read``, and for a camera that the file does not describe.
+    """
+    from diffuphy.physgaussian.views import filmed
+
+    return filmed(_named(file), scene, fov)
 
 
 def material(file: str | None = None, **fitting: Any) -> StatedMaterial:

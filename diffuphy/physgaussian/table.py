@@ -9,6 +9,7 @@ from diffuphy.mpm.scene import STABLE
 from diffuphy.physgaussian.grains import meaning as filling
 from diffuphy.physgaussian.matter import STRENGTHS, SUBSTANCES, matter
 from diffuphy.physgaussian.scene_file import SceneFile
+from diffuphy.physgaussian.views import rig
 from diffuphy.physgaussian.world import world
 
 WIDTH = 118
@@ -124,11 +125,25 @@ def _rest(file: SceneFile, particles: int | None) -> Iterator[Row]:
         yield Row("particle_filling", f"{len(file.filling)} settings", filling(file))
     if viewed := [key for key in VIEWED if key in file.given]:
         there = ", ".join(_text(file[key]) for key in viewed)
-        yield Row(", ".join(viewed), there, "not used: the film has one camera that sees the whole motion")
+        yield Row(", ".join(viewed), there, _camera(file))
     if "z_offset" in file.given:
         yield _row(file, "z_offset", "not used: it places surroundings, which are no particles here")
     for key in file.unknown:
         yield Row(key, "", "unknown: no program of this family reads it")
+
+
+def _camera(file: SceneFile) -> str:
+    if file["default_camera_index"] >= 0:
+        index = int(file["default_camera_index"])
+        return f"camera=physgaussian: view {index} of the scene's cameras.json; without your Gaussians camera=resting"
+    if file["init_azimuthm"] is None or file["init_elevation"] is None or file["init_radius"] is None:
+        return "not used: azimuth, elevation and radius must all be given"
+    made = rig(file, 1.0, 32.0)
+    return (
+        f"camera=physgaussian: azimuth {made.azimuth:.4g} degrees, the other way round; {made.step[0]:.4g}, "
+        f"{made.step[1]:.4g} degrees and {made.step[2]:.4g} a frame; radii in lengths of the Gaussians' file; without "
+        "them at rest in its first direction"
+    )
 
 
 def table(file: SceneFile, particles: int | None = None) -> str:

@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-from diffuphy.mpm.filling import Flood
 from diffuphy.plan.line import Line
 
 
@@ -13,7 +12,7 @@ def object_lines(components: Mapping[str, Any]) -> list[Line]:
     fit, sample = components["gaussians"], components["particles"]
     how = f"Gaussians are a shell, the inside needs particles: {type(sample.filling).__name__}"
     filling = Line.kept("interior fill", sample.filling is not None, how, "sample.filling=null",
-                        {"particles": dataclasses.replace(sample, filling=Flood())})  # fmt: skip
+                        {"particles": dataclasses.replace(sample, filling=type(sample)().filling)})  # fmt: skip
     if hasattr(fit, "path"):
         return [*given_lines(fit), filling]
     degree = fit.sh_degree
@@ -85,6 +84,7 @@ def film_lines(components: Mapping[str, Any]) -> list[Line]:
         return {"clip": dataclasses.replace(film, **settings)}
 
     return [
+        *camera_lines(film),
         Line.kept("inside shown", film.fillers and filled, "where the body opens",
                   "film.fillers=false" if filled else "nothing is filled"),
         Line.kept("floor", film.floor, "the film shows it", "film.floor=false"),
@@ -93,3 +93,20 @@ def film_lines(components: Mapping[str, Any]) -> list[Line]:
         Line.kept("supersampling", film.supersample > 1, f"{film.supersample}² samples a pixel",
                   "splats are band-limited already", other(supersample=2)),
     ]  # fmt: skip
+
+
+def camera_lines(film: Any) -> list[Line]:
+    """Where the film is seen from, what it shows, and how fast it is played; nothing of a component of somebody else's
+    making."""
+    if not hasattr(film, "camera"):
+        return []
+    view = Line("view", film.view, "as seen" if film.view == "colour" else "painted by what it shows")
+    lines = [
+        Line("camera", type(film.camera).__name__, "camera=resting, turntable, follow, increments, captured"),
+        view,
+    ]
+    also = ", ".join(film.also)
+    lines.append(Line.kept("further views", bool(also), f"{also}: a film each", "film.also=[]: nothing is painted"))
+    if film.slow != 1.0:
+        lines.append(Line("slow motion", f"{film.slow:g} times", "the film's container and its report say so"))
+    return lines

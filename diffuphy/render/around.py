@@ -7,7 +7,8 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from diffuphy.render.skin import Skin, to_metres
+from diffuphy.render.captured import standing
+from diffuphy.render.skin import Skin
 from diffuphy.types import Gaussians, Particles
 
 
@@ -48,11 +49,7 @@ def with_scenery(skin: Skin, around: Around | None, particles: Particles) -> Ski
     rest = around.rest() if around is not None else None
     if rest is None:
         return skin
-    still = to_metres(rest.to(skin.gaussians.means.device), particles)
-    ground = around.floor() if around is not None else None
-    lowest = float(particles.x[:, 2].amin()) if ground is None else particles.scale * ground + particles.offset[2]
-    up = still.means.new_tensor([0.0, 0.0, -lowest])
-    still = dataclasses.replace(still, means=still.means + up)
+    still = standing(particles, around.floor() if around is not None else None)(rest.to(skin.gaussians.means.device))
     names = [f.name for f in dataclasses.fields(Gaussians)]
     joined = {n: torch.cat([getattr(skin.gaussians, n), getattr(still, n).to(skin.gaussians.means)]) for n in names}
     return Scenery(skin, Gaussians(**joined))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from diffuphy.render import ply
+from diffuphy.render import ply, spz
 from diffuphy.render.ply_table import Table
 from diffuphy.render.sh import from_rgb
 from diffuphy.types import Camera, Gaussians
@@ -44,10 +44,10 @@ def source(path: Path | str) -> Path:
         path = found[max(found)]
     if not path.is_file():
         raise ValueError(f"there is no file {path}")
-    if path.suffix.lower() not in (".ply", ".splat"):
+    if path.suffix.lower() not in (".ply", ".splat", ".spz"):
         raise ValueError(
-            f"{path} is neither a .ply nor a .splat file; a mesh is read with gaussians=mesh, other Gaussians are "
-            f"converted first: splat-transform {path.name} out.ply"
+            f"{path} is no .ply, .splat or .spz file; a mesh is read with gaussians=mesh, others are converted "
+            f"first: splat-transform {path.name} out.ply"
         )
     return path
 
@@ -55,12 +55,15 @@ def source(path: Path | str) -> Path:
 def count(path: Path | str) -> int:
     """Gaussians in a file; reads its header alone."""
     path = source(path)
-    return Table.of(path).count if path.suffix.lower() == ".ply" else _splats(path)
+    kind = path.suffix.lower()
+    return Table.of(path).count if kind == ".ply" else spz.header(path)[1] if kind == ".spz" else _splats(path)
 
 
 def read(path: Path | str, *, up: ply.Up = "y_down", degree: int | None = None) -> Gaussians:
-    """Gaussians, float32 and z-up, of a .ply or .splat file or of a folder; see ``ply.read``."""
+    """Gaussians, float32 and z-up, of a .ply, .splat or .spz file or of a folder; see ``ply.read``."""
     path = source(path)
+    if path.suffix.lower() == ".spz":
+        return spz.read(path, up=up, degree=degree)
     return ply.read(path, up=up, degree=degree) if path.suffix.lower() == ".ply" else read_splat(path, up=up)
 
 

@@ -22,8 +22,8 @@ class Captured:
     """
 
     scene: Any
-    """Who knows the cameras of the scene in the object's frame: ``cameras() -> tuple of Camera``
-    (``text2gs.load.LoadGaussians``)."""
+    """Who knows the cameras of the scene in the object's frame: ``cameras() -> tuple of Camera``, and its
+    ``floor()`` (``text2gs.load.LoadGaussians``)."""
     path: str = field(metadata={"content": cameras_file})
     """The scene's folder or its cameras.json; the film depends on what it holds."""
     views: tuple[int, ...] = (0,)
@@ -47,7 +47,7 @@ class Captured:
             if not -len(found) <= view < len(found):
                 raise ValueError(f"camera.views has {view}, but {self.path} has cameras 0 to {len(found) - 1}")
         chosen = [resized(found[view], width, height) for view in self.views]
-        place = standing(particles)
+        place = standing(particles, self.scene.floor())
         chosen = [Placement.turns([("z", self.degrees)]).camera(place.camera(c)) for c in chosen]
         view, K = (torch.cat([getattr(c, name).double() for c in chosen]) for name in ("viewmats", "Ks"))
         if len(chosen) > 1:
@@ -55,10 +55,11 @@ class Captured:
         return Camera(view.to(x), K.to(x), width, height)
 
 
-def standing(particles: Particles) -> Placement:
-    """From the object's frame to metres, as what stands around it is placed: the lowest particle at rest at z = 0."""
+def standing(particles: Particles, ground: float | None = None) -> Placement:
+    """From the object's frame to metres, as what stands around it is placed: the lowest particle at rest at z = 0, or
+    the scene's own ground, at a height in the object's frame."""
     shift = torch.tensor(particles.offset, dtype=torch.float64)
-    shift[2] -= float(particles.x[:, 2].amin())
+    shift[2] = -particles.scale * ground if ground is not None else shift[2] - float(particles.x[:, 2].amin())
     return Placement(torch.tensor([1.0, 0, 0, 0], dtype=torch.float64), float(particles.scale), shift)
 
 

@@ -87,7 +87,7 @@ class Resting(Sight):
 
 @dataclass(frozen=True)
 class Turntable(Sight):
-    """Goes round the middle of the motion at one height and distance, from which every frame shows all of it."""
+    """Goes round the middle of the motion at one height and distance, from which every frame shows the whole object."""
 
     degrees: float = 360.0
     """How far it goes, from +x towards +y [deg]; once round the whole film closes: it can be played in a loop."""
@@ -107,7 +107,10 @@ class Turntable(Sight):
         R = look_at(out, torch.zeros_like(out))[:, :3, :3]
         K = intrinsics(self.fov, width, height).to(points)
         middle = (points.amin(0) + points.amax(0)) / 2
-        far = self._reach(points - middle, R, K, width, height)
+        there = boxes(trajectory).movedim(1, 0)  # (T, 8, 3): what is in the picture at its own time
+        if floor:
+            there = torch.cat([there, points[-frames:, None]], dim=1)
+        far = self._reach(there - middle, R, K, width, height)
         return Camera(look_at(middle + far * out, middle.expand_as(out)), K.expand(frames, 3, 3), width, height)
 
 
@@ -136,7 +139,10 @@ class Follow(Sight):
 
 @dataclass(frozen=True)
 class Increments:
-    """Goes a step a frame in azimuth, elevation and radius about a point, as PhysGaussian's ``move_camera`` does."""
+    """Goes a step a frame in azimuth, elevation and radius about a point, as PhysGaussian's ``move_camera`` does.
+
+    Beyond an elevation of 90° it comes down on the other side, and the picture turns over.
+    """
 
     azimuth: float = -60.0
     """In the first frame, from +x towards +y [deg]."""
@@ -170,11 +176,10 @@ class Increments:
         azimuth, elevation, radius = (
             start + t * step for start, step in zip((self.azimuth, self.elevation, self.radius), self.step, strict=True)
         )
-        if not bool(((elevation.abs() < 90) & (radius > 0)).all()):
-            k = int(((elevation.abs() >= 90) | (radius <= 0)).nonzero()[0])
+        if not bool((radius > 0).all()):
+            k = int((radius <= 0).nonzero()[0])
             raise ValueError(
-                f"in frame {k} the camera is at an elevation of {float(elevation[k]):g} degrees and a radius of "
-                f"{float(radius[k]):g} m; it must stay below 90 degrees and away from 0 m: change camera.step"
+                f"in frame {k} the camera's radius is {float(radius[k]):g} m; it must stay positive: change camera.step"
             )
         x = trajectory.x
         middle = (x[0].amin(0) + x[0].amax(0)) / 2 if self.center is None else x.new_tensor(self.center)

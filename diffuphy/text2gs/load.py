@@ -34,8 +34,8 @@ class LoadGaussians:
     VERSION: ClassVar[int] = 1
 
     path: str = field(metadata={"content": capture.source})
-    """A .ply or .splat file of Gaussians, or the folder of a scene trained by the original code, whose newest iteration
-    is taken. The result depends on what the file holds, not on what it is called."""
+    """A .ply, .splat or .spz file of Gaussians, or the folder of a scene trained by the original code, whose newest
+    iteration is taken. The result depends on what the file holds, not on what it is called."""
     up: Up | Literal["ground"] = "y_down"
     """Which way is up in the file; y_down is what cameras have and what trained scenes mostly follow. "ground": away
     from the ground that is found."""
@@ -177,6 +177,11 @@ class LoadGaussians:
         for turn in turns:
             found = tuple(turn.camera(c) for c in found)
         return found
+
+    def longest(self) -> float:
+        """Longest side of the object, in lengths of the file."""
+        scene = self._read()
+        return 2.0 / normalised(scene.g.means[scene.inside], self.path).scale
 
     @property
     def count(self) -> int:

@@ -102,6 +102,12 @@ class Pictures:
         short, f = min((camera.width, float(camera.Ks[0, 0, 0])), (camera.height, float(camera.Ks[0, 1, 1])))
         return 2 * math.degrees(math.atan(short / (2 * f)))
 
+    @property
+    def pixel(self) -> float:
+        """Side of a pixel of the fit at the origin [object units]."""
+        camera = self._scene[1]
+        return 2.0 * self.distance * math.tan(math.radians(self.fov) / 2) / min(camera.width, camera.height)
+
     def judge(self, gaussians: Gaussians, backend: Rasteriser) -> dict[str, float]:
         """Mean PSNR over white of the pictures that were held out, and of those that were fitted [dB]."""
         pictures, cameras, _ = self._scene

@@ -95,7 +95,7 @@ def test_a_splat_file_holds_what_was_packed(tmp_path: Path) -> None:
         capture.read(tmp_path / "g.splat")
 
 
-@pytest.mark.parametrize("name", ["scene.spz", "scene.ksplat", "scene.npz", "scene"])
+@pytest.mark.parametrize("name", ["scene.sog", "scene.ksplat", "scene.npz", "scene"])
 def test_other_formats_are_refused_with_a_remedy(name, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(b"x" * 64)
     with pytest.raises(ValueError, match=f"splat-transform {name} out.ply"):

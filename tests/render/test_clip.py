@@ -7,10 +7,12 @@ import pytest
 import torch
 
 from diffuphy.render import Film, contact_sheet, sh, write_mp4, write_png
+from diffuphy.render.brush import normals
 from diffuphy.render.kinematics import limit_stretch
 from diffuphy.render.paths import path
-from diffuphy.render.rigs import Resting
-from diffuphy.types import Clip, Gaussians, Particles, Trajectory
+from diffuphy.render.rigs import Resting, Turntable
+from diffuphy.render.video import playback, straight
+from diffuphy.types import Camera, Clip, Gaussians, Particles, Trajectory
 from diffuphy.workspace import Workspace
 
 
@@ -169,3 +171,87 @@ def test_contact_sheet_holds_first_and_last_frame(tmp_path: Path) -> None:
     assert contact_sheet(rgb[:1]).shape == (20, 30, 3)
     write_png(tmp_path / "s.png", sheet)
     assert (tmp_path / "s.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_floor_and_shadow_follow_a_moving_camera() -> None:
+    """A turntable that does not turn has the floor at rest; one that turns, and begins there, sees it move."""
+    still = film(camera=Turntable(degrees=0.0, distance=2.0))
+    one = film(camera=Turntable(degrees=90.0, distance=2.0))
+    torch.testing.assert_close(still.rgb[0], one.rgb[0])
+    corner = (slice(44, 64), slice(0, 24))  # floor, without the ball
+    moved = (one.rgb[-1][corner] - still.rgb[-1][corner]).abs().max()
+    assert moved > 0.05
+    torch.testing.assert_close(still.rgb[0][corner], still.rgb[1][corner], rtol=0, atol=5e-3)  # the shadow comes nearer
+
+
+@pytest.mark.parametrize("view", ["depth", "normals", "J", "velocity"])
+def test_a_view_shows_something_else_in_the_same_place(view: str) -> None:
+    """Same coverage, other colours; views of depth and normals stand on white."""
+    plain, other = (
+        film(floor=False, background=(1.0, 1.0, 1.0)),
+        film(view=view, legend=False, floor=False, background=(1.0, 1.0, 1.0)),
+    )
+    for a, b in zip(plain.rgb, other.rgb, strict=True):
+        assert torch.equal(a.amin(2) > 0.999, b.amin(2) > 0.999) or view == "J"  # white itself is a colour of no map
+    assert (plain.rgb - other.rgb).abs().max() > 0.3
+    if view in ("depth", "normals"):
+        assert torch.equal(film(view=view).rgb[0, 0, 0], torch.ones(3))
+
+
+def test_a_view_of_the_material_asks_for_it() -> None:
+    with pytest.raises(ValueError, match="give their material"):
+        film(view="E")
+    assert Film(view="E").matter and not Film(view="J").matter
+
+
+def test_depth_of_a_wall_is_its_distance_and_its_normal_faces_the_eye() -> None:
+    """A flat wall across the axis 2 m away: depth 2 everywhere, n = (0, 0, −1)."""
+    u = torch.arange(30.0).expand(20, 30)
+    K = torch.tensor([[[25.0, 0, 15], [0, 25.0, 10], [0, 0, 1]]])
+    camera = Camera(torch.eye(4)[None], K, 30, 20)
+    n = normals(torch.full((20, 30), 2.0), torch.ones(20, 30), camera)
+    torch.testing.assert_close(n, torch.tensor([0.0, 0.0, -1.0]).expand(20, 30, 3))
+    # a wall that recedes to the right, z = 2 + x: x = z (u + ½ − 15)/25, n ∝ (1, 0, −1)
+    z = 2 / (1 - (u + 0.5 - 15) / 25)
+    slanted = normals(z, torch.ones(20, 30), camera)
+    torch.testing.assert_close(slanted, torch.tensor([0.5**0.5, 0, -(0.5**0.5)]).expand(20, 30, 3), rtol=0, atol=1e-3)
+
+
+def test_what_is_transparent_stands_on_any_background_as_if_filmed_there() -> None:
+    """rgb and coverage put over grey are the picture that is filmed on grey, without a shadow to the last bit of
+    float32; the shadow is black of its coverage."""
+    grey = (0.4, 0.4, 0.4)
+    clear, expected = film(background="transparent", shadow=0.0), film(background=grey, shadow=0.0)
+    assert clear.alpha is not None
+    rgba = straight(clear)
+    over = rgba[..., 3:] * rgba[..., :3] + (1 - rgba[..., 3:]) * torch.tensor(grey)
+    torch.testing.assert_close(over, expected.rgb, rtol=0, atol=1e-5)
+    shaded = film(background="transparent")
+    assert shaded.alpha is not None and (shaded.alpha >= clear.alpha - 1e-6).all()
+    assert (shaded.alpha[-1] - clear.alpha[-1]).max() > 0.05 and clear.alpha[0, 0, 0] == 0
+
+
+def test_slow_motion_keeps_the_pictures_and_says_so() -> None:
+    fast, slow = film(), film(slow=4.0)
+    assert torch.equal(fast.rgb, slow.rgb) and playback(slow) == playback(fast) / 4 == 6.0
+
+
+def test_nothing_of_a_view_is_computed_when_none_is_asked_for(monkeypatch) -> None:
+    """Painting, legends and expected depth are not called by a film in its own colours."""
+    import diffuphy.render.brush as module
+
+    def forbidden(*_: object) -> None:
+        raise AssertionError("a film in its own colours paints nothing")
+
+    for name in ("painter", "expected_depth", "reach"):
+        monkeypatch.setattr(module, name, forbidden)
+    film()
+
+
+def test_further_views_are_films_of_their_own() -> None:
+    """Those named, with the camera and the speed of the film, in 8 bit."""
+    made = Film(**SMALL, also=("J", "velocity"), slow=2.0).others(*falling_ball(), None, work=Workspace(progress=False))
+    assert list(made.rgb) == ["J", "velocity"] and made.slow == 2.0
+    assert made.clip("J").rgb.shape == (5, 64, 96, 3)
+    alone = film(view="velocity")
+    assert (made.clip("velocity").rgb - alone.rgb).abs().max() < 1 / 255
