@@ -39,6 +39,9 @@ class Film:
 
     @property
     def command(self) -> str:
+        """What a reader can type; the example, where it brings the file."""
+        if self.file is not None:
+            return f"python examples/{self.file[0]}.py experiment=fast"
         given = [f'prompt="{self.prompt}"', *(shlex.quote(s) for s in self.settings), "experiment=fast"]
         return " ".join(["python train.py", *given])
 

@@ -1,5 +1,7 @@
 """A mesh is filmed like anything else: here a knot, in the colours of its vertices.
 
+Its material is stated; ``material=video_sds`` finds it, as in other films.
+
     python examples/mesh.py gaussians.path=bear.glb                  # yours: .glb .gltf .obj .off .ply .stl
     python examples/mesh.py experiment=tiny                          # without one, a trefoil knot is written
 
@@ -45,8 +47,10 @@ def main(*settings: str) -> Made:
         mesh = Path("outputs/examples/knot.glb")
         write_knot(mesh)
         given.append(f"gaussians.path={mesh}")
-    made = diffuphy.film("a rubber knot bouncing", "gaussians=mesh", "store=outputs/examples", *given)
-    print(made.files["film"])
+    made = diffuphy.film(
+        "a rubber knot bouncing", "gaussians=mesh", "material=stated", "store=outputs/examples", *given
+    )
+    print(made.folder)
     return made
 
 

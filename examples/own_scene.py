@@ -4,7 +4,7 @@
     python examples/own_scene.py experiment=tiny                     # without one, a duck between mushrooms is written
 
 ``gaussians.region`` is the box of what moves, in lengths of the file. Writes outputs/examples/duck.ply and
-outputs/examples/runs/a-30-cm-clay-duck-falling-…/.
+outputs/examples/runs/a-30-cm-clay-duck-squashed-…/.
 """
 
 import math
@@ -35,12 +35,12 @@ def write_duck(file: Path, balls: int = 6000) -> None:
     ):
         x, rgb = shelf.object(Look(name, "")).surface(balls, seed)
         x = (x - torch.tensor([0.0, 0.0, x[:, 2].min()])) * size
-        away = 0.0 if name == "duck" else 1.9
+        away = 0.0 if name == "duck" else 2.2
         parts.append((x + torch.tensor([away * math.cos(angle), away * math.sin(angle), -0.99]), rgb))
-    lawn = (torch.rand(2 * balls, 3, generator=seed) - 0.5) * torch.tensor([5.5, 5.5, 0.02]) - torch.tensor(
+    lawn = (torch.rand(3 * balls, 3, generator=seed) - 0.5) * torch.tensor([6.2, 6.2, 0.02]) - torch.tensor(
         [0, 0, 1.01]
     )
-    lawn = lawn[lawn[:, :2].norm(dim=1) < 2.75]
+    lawn = lawn[lawn[:, :2].norm(dim=1) < 3.1]
     parts.append((lawn, torch.tensor([0.30, 0.48, 0.16]) * (0.7 + 0.5 * torch.rand(len(lawn), 1, generator=seed))))
     x, rgb = (torch.cat(t) for t in zip(*parts, strict=True))
     n = len(x)
@@ -60,8 +60,8 @@ def main(*settings: str) -> Made:
         scene = Path("outputs/examples/duck.ply")
         write_duck(scene)
         given += [f"gaussians.path={scene}", DUCK, "+film.floor=false"]
-    made = diffuphy.film("a 30 cm clay duck falling", "gaussians=ply", "store=outputs/examples", *given)
-    print(made.files["film"])
+    made = diffuphy.film("a 30 cm clay duck squashed", "gaussians=ply", "store=outputs/examples", *given)
+    print(made.folder)
     return made
 
 

@@ -44,7 +44,7 @@ def main(*settings: str) -> Made:
         ]  # its forces are per particle: for how many it was made
     print(table(read(next(o for o in given if o.startswith("scene.file=")).partition("=")[2])))
     made = diffuphy.film("a cactus falling", "scene=physgaussian", "store=outputs/examples", *given)
-    print(made.files["film"])
+    print(made.folder)
     return made
 
 

@@ -17,10 +17,10 @@ import sys
 import diffuphy
 
 
-def main(*settings: str) -> dict[tuple[str, int], float]:
+def main(*settings: str, seeds: tuple[int, ...] = (0, 1)) -> dict[tuple[str, int], float]:
     heights = {}
     for material in ("rubber", "clay"):
-        for seed in (0, 1):
+        for seed in seeds:
             common = ("until=trajectory", "store=outputs/examples", *settings)
             made = diffuphy.film(f"a {material} ball bouncing", f"seed={seed}", *common)
             low = made.result("trajectory").x[:, :, 2].amin(1)  # underside [m]

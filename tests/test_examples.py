@@ -20,15 +20,17 @@ def example(name: str):
 
 @pytest.fixture
 def tiny(tmp_path, monkeypatch):
-    """Settings of a quick film, in a folder of its own. The net of one step has learnt nothing, so that materials are
-    those of the words."""
+    """Settings of a quick film, in a folder of its own."""
     monkeypatch.chdir(tmp_path)
-    quick = ("experiment=tiny", "fit.steps=2", "material.steps=1", "material.stiffness_steps=1", "scene.seconds=0.4")
-    return (*quick, "sample.cells=10", "film.width=64", "film.height=64", "report.error=off", "evaluate.score=off")
+    quick = ("experiment=tiny", "fit.steps=2", "fit.cameras.bank=2", "fit.cameras.size=24", "scene.seconds=0.4")
+    small = ("sample.cells=10", "film.width=64", "film.height=64", "report.error=off", "evaluate.score=off")
+    return (*quick, *small)
 
 
-GIVEN = ("material=stated", "fit.init.noise=0.0")
+GIVEN = ("material=stated",)
 """No fit of a material: where an example is about something else."""
+UNLEARNT = ("material.steps=0", "material.stiffness_steps=0")
+"""A fit without its loops."""
 
 
 def test_every_example_is_tested_and_listed():
@@ -51,8 +53,8 @@ def test_new_law():
 
 def test_sand_column(tmp_path):
     """Sand neither stays a column nor lies steeper than its friction angle, 35 degrees."""
-    for reach, slope in example("sand_column").main(100, 20, str(tmp_path)):
-        assert 0.12 < reach < 0.1 + 1.24 * 0.15 and 5 < slope < 35
+    _, (reach, slope) = example("sand_column").main(100, 20, str(tmp_path))
+    assert 0.12 < reach < 0.1 + 1.24 * 0.15 and 5 < slope < 35
     assert (tmp_path / "sand_column.mp4").stat().st_size > 1000
 
 
@@ -64,22 +66,24 @@ def test_moving_walls(tmp_path):
 
 
 def test_sentence(tiny):
-    made = example("sentence").main(*tiny)
+    """It falls with g until it lands: z(t) = z(0) − g t²/2, which the third frame, at 0.1 s, is to three digits."""
+    made = example("sentence").main(*tiny, *UNLEARNT)
+    z = made.result("trajectory").x[:, :, 2].double().mean(1)
+    assert abs(float(z[0] - z[3]) - 0.5 * 9.81 * 0.1**2) < 5e-5
     assert made.files["film"].stat().st_size > 1000 and made.folder.is_relative_to("outputs/examples")
 
 
 def test_two_materials(tiny):
-    """Clay flows and jelly does not: both laws are there, and every asked view is a file."""
-    made = example("two_materials").main(*tiny)
+    """Every particle has the whole of its laws, and every asked view is a file."""
+    made = example("two_materials").main(*tiny, *UNLEARNT)
     field = made.result("material")
-    share = dict(zip(field.plastic, field.w_p.mean(0).tolist(), strict=True))
-    assert 0.02 < share["von_mises"] < 0.98
-    assert all(any(view in p.name for p in made.files.values()) for view in ("material", "E", "stress"))
+    assert all(bool((w.sum(1) - 1).abs().max() < 1e-5) for w in (field.w_e, field.w_p))
+    assert {p.name for p in made.files.values()} >= {f"film_{view}.mp4" for view in ("material", "E", "stress")}
 
 
 def test_own_scene(tiny):
     """The duck of the file moves; what stands around it is not among its particles but is in the picture."""
-    made = example("own_scene").main(*tiny, *GIVEN)
+    made = example("own_scene").main(*tiny, *GIVEN, "until=trajectory")
     scene = ply.read(Path("outputs/examples/duck.ply"))
     motion = made.result("trajectory")
     assert len(made.result("gaussians")) == 6000 < len(scene)
@@ -87,48 +91,51 @@ def test_own_scene(tiny):
 
 
 def test_mesh(tiny):
-    """A tube of radius r about a curve of length L has the volume π r² L (Pappus); particles fill it."""
+    """A tube of radius r about a curve of length L has the volume π r² L (Pappus). Particles fill it and reach at most
+    their spacing beyond it: those of the surface lie on it with all of their volume."""
     pytest.importorskip("trimesh")
     made = example("mesh").main(*tiny, *GIVEN, "until=particles", "sample.cells=24")
     import trimesh
 
     knot = trimesh.load("outputs/examples/knot.glb", force="mesh")
     particles = made.result("particles")
-    volume = knot.volume * (0.5 / knot.extents.max()) ** 3  # its longest side is half a metre
-    assert knot.is_watertight and abs(float(particles.vol.sum()) / volume - 1) < 0.1
+    scale = 0.5 / knot.extents.max()  # its longest side is half a metre, the tube's radius half a length of the file
+    filled = float(particles.vol.sum()) / (knot.volume * scale**3)
+    assert knot.is_watertight and 0.95 < filled < (1 + particles.spacing / (0.5 * scale)) ** 2
 
 
 def test_physgaussian_scene(tiny):
     """Held at its foot, pushed at its top: the foot stays, the top goes the way of the push."""
-    motion = example("physgaussian_scene").main(*tiny).result("trajectory")
+    motion = example("physgaussian_scene").main(*tiny, "sample.cells=12", "until=trajectory").result("trajectory")
     z = motion.x[0, :, 2]
     moved = (motion.x - motion.x[0])[..., 0]
     assert moved[:, z < z.quantile(0.1)].abs().max() < 1e-3 < 0.02 < moved[:, z > z.quantile(0.9)].mean(1).max()
 
 
 def test_cameras_and_views(tiny):
-    made = example("cameras_and_views").main(*tiny, *GIVEN)
+    """Half as fast as physics, and a film for every view."""
+    made = example("cameras_and_views").main(*tiny, *GIVEN, "film.also=[stress,J]")
     clip = made.result("clip")
-    assert clip.slow == 2 and len(made.result("views").rgb) == 5 and len(made.files) >= 8
+    assert len(clip.rgb) == 13 and clip.slow == 2 and set(made.result("views").rgb) == {"stress", "J"}
 
 
 def test_export_formats(tiny):
     """Every format is written, splats and surface once for each fifth frame."""
     pytest.importorskip("trimesh")
     files = example("export_formats").main(*tiny, *GIVEN, formats=("gif", "ply", "glb", "npz"))
-    frames = range(0, 13, 5)
-    assert files["gif"][0].read_bytes()[:3] == b"GIF" and files["npz"][0].stat().st_size > 1000
-    assert all(p.exists() for paths in files.values() for p in paths) and frames
+    assert files["gif"][0].read_bytes()[:6] == b"GIF89a" and files["npz"][0].stat().st_size > 1000
+    written = {n: sum(1 for p in paths for _ in ([p] if p.is_file() else p.iterdir())) for n, paths in files.items()}
+    assert written["ply"] == written["glb"] == 3  # frames 0, 5 and 10 of 12
 
 
 def test_sweep(tiny):
-    """Rubber comes back higher than clay, whatever the seed."""
-    back = example("sweep").main(*tiny, "scene.seconds=0.8")
-    assert min(back["rubber", s] for s in (0, 1)) > max(back["clay", s] for s in (0, 1))
+    """Rubber comes back higher than clay."""
+    back = example("sweep").main(*tiny, *UNLEARNT, "scene.seconds=0.8", seeds=(0,))
+    assert back["rubber", 0] > back["clay", 0]
 
 
 def test_viewer(tiny):
     """Clay from twice the height ends flatter than jelly."""
-    found, clay = example("viewer").main(*tiny, *GIVEN)
+    found, clay = example("viewer").main(*tiny, *GIVEN, "until=trajectory")
     assert clay < found
     assert list(Path("outputs/examples/runs").glob("*/viewer/film_001.mp4"))
