@@ -206,11 +206,9 @@ class Store:
     def run(self, stages: Sequence[Stage], until: str, force: Iterable[str] = ()) -> list[Done]:
         """Run stages in order, skipping those already stored, up to and including ``until``."""
         check_names(stages, (until, *force))
-        names = [s.name for s in stages]
         types = {s.name: s.out for s in stages}
-        report: list[Done] = []
-        done: dict[str, Path] = {}
-        for stage in stages[: names.index(until) + 1]:
+        report, done = list[Done](), dict[str, Path]()
+        for stage in stages[: list(types).index(until) + 1]:
             path = self.path(stage, done)
             report.append(self._run_one(stage, path, done, types, stage.name in set(force)))
             done[stage.name] = path

@@ -91,8 +91,7 @@ def speed(clip: Clip) -> list[str]:
 
 def limited(clip: Path) -> list[str]:
     """What a reader must know of Gaussians that the film draws shorter than their matter is stretched."""
-    file = clip / SCRATCH / "summary.json"
-    found = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    found = _summary(clip)
     if not found.get("limited_frames"):
         return []
     most, frames = found["limited_most"], found["limited_frames"]
@@ -103,9 +102,11 @@ def limited(clip: Path) -> list[str]:
 
 
 def sections(done: Sequence[Done]) -> list[Section]:
-    """How good the film is, and how wrong."""
+    """What it is made of, how good the film is, and how wrong."""
     scores, errors = scorecard(done), judgement(done)
-    return [*([section(scores)] if scores else []), *([errors.section()] if errors else [])]
+    parts = next((_summary(d.path).get("parts", ()) for d in done if d.name == "material"), ())
+    made_of = [Section("What it is made of", words=parts)] if parts else []
+    return [*made_of, *([section(scores)] if scores else []), *([errors.section()] if errors else [])]
 
 
 def views(gaussians: Gaussians, size: int = 200) -> list[tuple[str, Any]]:
@@ -170,6 +171,11 @@ NOTES = {
 
 def numbers(at: dict[str, Path]) -> list[tuple[str, str, str]]:
     """What the material stage says about its result."""
-    file = at["material"] / SCRATCH / "summary.json"
-    values = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    values = {k: v for k, v in _summary(at["material"]).items() if isinstance(v, int | float)}
     return [(k, f"{v:.3g}", NOTES.get(k, "mean weight of this expert")) for k, v in values.items()]
+
+
+def _summary(stage: Path) -> dict[str, Any]:
+    """What a stage said about its result; nothing if it said nothing."""
+    file = stage / SCRATCH / "summary.json"
+    return json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}

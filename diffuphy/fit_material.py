@@ -1,38 +1,38 @@
 """The stage that finds out what the object is made of.
 
-    probe the object → scan experts × stiffness, forward only → refine a network inside the best basin → harden
+    probe the object → scan experts × stiffness, forward only → refine the best few → train the best of these → harden
 
-The scan finds the basin, the gradient the bottom of it. The gradient runs the whole way back: pixels → Gaussians →
+The scan finds the basins, the gradient their bottoms. The gradient runs the whole way back: pixels → Gaussians →
 trajectory → MPM adjoint → mixture → decoder → encoder. DiffuPhyGS (2025), §3.3–3.4. Recipe and
 failures: docs/learning.md.
 """
 
 import dataclasses
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, get_args
 
 import torch
 from torch import Tensor
 
-from diffuphy.appearance import appearance
+from diffuphy.case import Case, Segment, parameters
+from diffuphy.descent import Descent, Model, descend
 from diffuphy.losses.estimators import SDS, Estimator
 from diffuphy.losses.regularize import spread
 from diffuphy.losses.sds import Weight
 from diffuphy.losses.takes import Takes
 from diffuphy.losses.velocity import Velocity
-from diffuphy.material import ELASTIC, Param
-from diffuphy.material.decoder import bounded, inside
+from diffuphy.material import Param
+from diffuphy.material.decoder import bounded, coordinate, inside
 from diffuphy.material.encoder import Points
-from diffuphy.material.field import Hypothesis, harden, prune, summary, warm_start
+from diffuphy.material.field import Hypothesis, harden, prune, take, warm_start
 from diffuphy.material.net import MaterialNet, Net
-from diffuphy.material.patches import color_clusters, nearest
 from diffuphy.material.presets import lookup
-from diffuphy.mpm import FrameReport
-from diffuphy.probe import Bench, Probe, TableClips, table_field
-from diffuphy.scan import Conditions, region_values, scan, with_columns
+from diffuphy.probe import Probe
+from diffuphy.scan import region_values, scan
 from diffuphy.types import Gaussians, Look, MaterialField, Motion, Particles
+from diffuphy.verdict import film_field, verdict
 from diffuphy.workspace import Workspace
 
 log = logging.getLogger(__name__)
@@ -42,7 +42,7 @@ log = logging.getLogger(__name__)
 class FitMaterial:
     """Settings of the material stage."""
 
-    VERSION: ClassVar[int] = 4
+    VERSION: ClassVar[int] = 5
 
     guidance: Any
     """Video prior (``losses.guidance``); the analytic one is given the probe's reference clips."""
@@ -71,12 +71,23 @@ class FitMaterial:
     """Values of log10 E in the scan; 0 leaves the scan out."""
     start: float = 5.2
     """log10 E to start from without a scan [Pa]; the stiff side is the safe side."""
+    learn: tuple[str, ...] = ("E",)
+    """Parameters to learn, by their names in the field; the others stay at the table's. A short drop shows stiffness;
+    what else it shows depends on the material: ν, yield_stress, friction_angle, viscosity."""
     regions: int = 2
-    """Most regions, by colour, that get hypotheses of their own; 1 when the prompt names one material."""
+    """Most regions that get hypotheses of their own; 1 when the prompt names one material."""
+    segment: Segment = "parts"
+    """What makes a region: ``parts`` with words of their own in the prompt, if known to the library; or ``colour``."""
     scan_frames: int = 8
     """Frames of the scan's clips: impact and rebound."""
+    refine: int = 3
+    """Choices of laws, the best of the scan, that are refined before one of them is trained; 1 trains the best."""
+    refine_steps: int = 5
+    """Optimiser steps of each of these; 0 leaves them out."""
     steps: int = 40
-    """Optimiser steps; 0 leaves the training out."""
+    """Optimiser steps at most; 0 leaves the training out."""
+    patience: int = 3
+    """Scores in a row, one every five steps, that may bring less than 1 % before the training ends; 0 never ends it."""
     lr: float = 2e-3
     """Learning rate of the network; 1e-2 oscillates."""
     lr_region: float = 0.08
@@ -100,11 +111,15 @@ class FitMaterial:
             raise ValueError(f"material.stiffness must be log10 Pa with lo < hi, e.g. (3.5, 6.3), got {self.stiffness}")
         if not lo < self.start < hi:
             raise ValueError(f"material.start must lie inside material.stiffness {self.stiffness}, got {self.start}")
-        if self.steps < 0 or self.stiffness_steps < 0 or self.regions < 1:
+        if min(self.steps, self.stiffness_steps, self.refine_steps) < 0 or min(self.regions, self.refine) < 1:
             raise ValueError(
-                f"material.steps and stiffness_steps must be ≥ 0 and regions ≥ 1, "
-                f"got {self.steps}, {self.stiffness_steps}, {self.regions}"
+                "material.steps, stiffness_steps and refine_steps must be ≥ 0 and regions and refine ≥ 1, got "
+                f"{self.steps}, {self.stiffness_steps}, {self.refine_steps}, {self.regions} and {self.refine}"
             )
+        if self.segment not in get_args(Segment):
+            raise ValueError(f"material.segment must be one of {get_args(Segment)}, got {self.segment!r}")
+        if not self.learn:
+            raise ValueError("material.learn must name a parameter; material.steps=0 leaves the training out")
         self._check_override()
         self.estimator.check(self.guidance)
         if self.scan_frames > self.probe.frames:
@@ -134,164 +149,134 @@ class FitMaterial:
         Returns:
             One-hot on experts (so that the film does not depend on the time step), unused experts pruned.
         """
-        bench = self.probe.bench(gaussians, particles, motion.size)
-        table = self._table(look, motion, bench)
-        guidance = self._guidance(look, motion, gaussians, particles)
-        cond = Conditions(guidance, motion, bench)
-        points = appearance(gaussians, bench.draft)
-        labels = self._labels(motion, points)
-
-        state = work.load() or {"step": 0, "chosen": self._chosen(bench, cond, table, labels, work)}
-        chosen = [Hypothesis(**h) for h in state["chosen"]]
-        net, shift = self._train(bench, cond, points, labels, chosen, state, work)
-
+        case = self.case(look, motion, gaussians, particles)
+        model = self.fit(case, work)
         with torch.no_grad():
-            draft = harden(self._field(net, shift, labels))
-            self._verdict(bench, cond, draft, table, work)
-            return self._film_field(net, shift, labels, gaussians, particles, bench)
+            work.summary(verdict(case, harden(model()), self.weight))
+            return film_field(case, model, gaussians, particles)
 
-    def _guidance(self, look: Look, motion: Motion, gaussians: Gaussians, particles: Particles) -> Any:
-        """The prior; the analytic one knows clips of the probe by heart, simulated with another draw of particles."""
-        if getattr(self.guidance, "references", 0) is not None:
-            return self.guidance
-        other = dataclasses.replace(self.probe, seed=self.probe.seed + 1).bench(gaussians, particles, motion.size)
-        return dataclasses.replace(self.guidance, references=TableClips(other, self._table(look, motion, other)))
+    def case(self, look: Look, motion: Motion, gaussians: Gaussians, particles: Particles) -> Case:
+        """The object on the bench, and what is known of it."""
+        return Case.make(
+            self.probe, self.guidance, self.library, look, motion, gaussians, particles,
+            elastic=self.elastic, plastic=self.plastic, override=self.override, regions=self.regions,
+            segment=self.segment,
+        )  # fmt: skip
 
-    def _table(self, look: Look, motion: Motion, bench: Bench) -> MaterialField:
-        """What the table says of the draft particles, with a column for each candidate expert."""
-        table = table_field(self.library, look, motion, bench.draft, self.override)
-        return with_columns(table, self.elastic or table.elastic, self.plastic or table.plastic)
+    def fit(self, case: Case, work: Workspace) -> "RegionalNet":
+        """Scan, refine the best few, train the best of these; continues from the checkpoint of ``work``."""
+        state = work.load() or {}
+        if "starts" not in state:
+            state = {"starts": self._starts(case, state.get("scores", ()), work), "tried": []}
+        starts, tried, run = state["starts"], state["tried"], state.get("run")
+        few = starts if self.steps and self.refine_steps and len(starts) > 1 else []
+        short = dataclasses.replace(self.descent(self.refine_steps), curriculum=(), patience=0)
+        for i in range(len(tried), len(few)):  # each finds the bottom of its own basin
+            model = self.model(case, starts[i])
+            done = descend(
+                case, model, short, work,
+                state=run, around={"starts": starts, "tried": tried}, first=i * self.refine_steps,
+            )  # fmt: skip
+            tried, run = [*tried, {"score": done.score, "model": model.state_dict()}], None
+            work.save({"starts": starts, "tried": tried})
+        best = min(range(len(tried)), key=lambda i: tried[i]["score"], default=0)
+        model = self.model(case, starts[best])
+        if tried:
+            model.load_state_dict(tried[best]["model"])
+            scores = ", ".join(f"{t['score']:.3g}" for t in tried)
+            log.info("material: refined the best %d choices of laws to %s", len(tried), scores)
+        if self.steps:
+            around = {"starts": starts, "tried": tried}
+            descend(case, model, self.descent(), work, state=run, around=around, first=len(few) * self.refine_steps)
+        return model
 
-    def _labels(self, motion: Motion, points: Points) -> Tensor:
-        """Region of each draft particle: colour clusters, as many as the prompt has materials."""
-        k = min(self.regions, len(set(motion.materials.values())))
-        return color_clusters(points.f[:, 7:10], k)[0]
-
-    def _chosen(
-        self, bench: Bench, cond: Conditions, table: MaterialField, labels: Tensor, work: Workspace
-    ) -> list[dict[str, Any]]:
-        """One hypothesis for each region: the best of the scan, or an open one without it."""
+    def _starts(self, case: Case, known: Sequence[float], work: Workspace) -> list[list[dict[str, Any]]]:
+        """Hypotheses to begin from, each one for every region: the best of the scan, or an open one without it."""
         if self.stiffness_steps:
             lo, hi = self.stiffness
-            regions = int(labels.max()) + 1
-            steps = max(2, self.stiffness_steps // regions)  # a joint scan of regions grows like a power of them
+            steps = max(2, self.stiffness_steps // (int(case.labels.max()) + 1))  # a joint scan grows like a power
             grid = torch.linspace(lo + 0.1, hi - 0.1, steps, dtype=torch.float64).tolist()
-            return scan(bench, cond, table, labels, grid, frames=self.scan_frames, weight=self.weight, work=work)
-        regions = region_values(table, labels)
-        return [
+            found = scan(case, grid, frames=self.scan_frames, weight=self.weight, work=work, known=known)
+            return found[: self.refine]
+        open_ones = [
             {"elastic": None, "plastic": None, "theta": r["theta"] | {"E": 10**self.start}, "rho": r["rho"]}
-            for r in regions
+            for r in region_values(case.table, case.labels)
+        ]
+        return [open_ones]
+
+    def descent(self, steps: int | None = None) -> Descent:
+        """Settings of the training loop; the stage's own number of steps by default."""
+        everything = self.probe.frames
+        return Descent(
+            steps=self.steps if steps is None else steps,
+            takes=self.takes, estimator=self.estimator, weight=self.weight, t_range=self.t_range,
+            velocity=self.velocity, gate_time=self.gate_time,
+            curriculum=self.curriculum or (() if self.stiffness_steps else (5, 7, 9, everything)),
+            patience=self.patience, seed=self.seed,
+        )  # fmt: skip
+
+    # ------------------------------------------------------------------ what is trained
+    def model(self, case: Case, start: list[dict[str, Any]]) -> "RegionalNet":
+        """The network that begins at a hypothesis for each region."""
+        learn, table = self._learnt(case), case.table
+        begin = warm_start(table.elastic, table.plastic, case.labels, [Hypothesis(**h) for h in start])
+        begin = dataclasses.replace(begin, theta=inside(learn, begin.theta))
+        if self.net.gate == "start":
+            begin = prune(begin).field
+        return RegionalNet(self.net.build(case.points, begin, learn), case.labels, self)
+
+    def _learnt(self, case: Case) -> list[Param]:
+        """The parameters to learn, Young's modulus with the bounds of this fit.
+
+        Raises:
+            ValueError: no candidate law reads one of them, so no clip depends on it.
+        """
+        known = {p.name: p for p in parameters(case.table.elastic, case.table.plastic)}
+        if unread := [name for name in self.learn if name not in known]:
+            raise ValueError(
+                f"material.learn has {unread[0]!r}, which no candidate law reads; they read {', '.join(known)}"
+            )
+        lo, hi = (10**e for e in self.stiffness)
+        return [dataclasses.replace(known[n], lo=lo, hi=hi) if n == "E" else known[n] for n in self.learn]
+
+
+class RegionalNet(Model):
+    """The network's field, each region moved as a whole by a shift of its own.
+
+        c(θ_p) = bounded(net_p, s_{r(p)})
+
+    A region's shift moves with a large step what its particles have in common, the network with a small one what
+    tells them apart; see ``decoder.bounded``.
+    """
+
+    def __init__(self, net: MaterialNet, labels: Tensor, settings: FitMaterial):
+        super().__init__()
+        self.net, self.settings = net, settings
+        self.params = net.decoder.params
+        self.register_buffer("labels", labels)
+        regions = int(labels.max()) + 1
+        self.shift = torch.nn.Parameter(torch.zeros(regions, len(self.params), device=labels.device))
+
+    def forward(self) -> MaterialField:
+        return self._moved(self.net(), self.labels)
+
+    def at(self, points: Points, draft: Tensor) -> MaterialField:
+        return self._moved(self.net(points, take(self.net.start, draft)), self.labels[draft])
+
+    def _moved(self, field: MaterialField, labels: Tensor) -> MaterialField:
+        gain, theta = self.settings.net.param_gain, field.theta
+        moved = {p.name: bounded(p, theta[p.name], self.shift[labels, i], gain) for i, p in enumerate(self.params)}
+        return dataclasses.replace(field, theta=theta | moved)
+
+    def groups(self) -> list[dict[str, Any]]:
+        return [
+            {"params": list(self.net.parameters()), "lr": self.settings.lr},
+            {"params": [self.shift], "lr": self.settings.lr_region},
         ]
 
-    # ------------------------------------------------------------------ full gradient: find the bottom
-    def _train(
-        self,
-        bench: Bench,
-        cond: Conditions,
-        points: Points,
-        labels: Tensor,
-        chosen: list[Hypothesis],
-        state: dict,
-        work: Workspace,
-    ) -> tuple[MaterialNet, Tensor]:
-        """Refine the network and each region's shift by video SDS and the velocity loss, continuing from ``state``."""
-        start = warm_start(self.elastic, self.plastic, labels, chosen)
-        learn = [self._param_E()]
-        start = dataclasses.replace(start, theta=inside(learn, start.theta))
-        net = self.net.build(points, start, learn)
-        shift = torch.zeros(len(chosen), device=points.x.device, requires_grad=True)
-        groups = [{"params": list(net.parameters()), "lr": self.lr}, {"params": [shift], "lr": self.lr_region}]
-        optimiser = torch.optim.Adam(groups, betas=(0.9, 0.95))
-        generator = torch.Generator().manual_seed(self.seed)
-        velocity = self.velocity if self.velocity is not None and self.velocity.weight else None
-        gather = (velocity.needs,) if velocity is not None and velocity.needs else ()
-        if "net" in state:
-            net.load_state_dict(state["net"])
-            optimiser.load_state_dict(state["optimiser"])
-            generator.set_state(state["rng"])
-            with torch.no_grad():
-                shift.copy_(state["shift"])
-
-        with work.bar(self.steps, "material: train", initial=state["step"]) as bar:
-            for step in range(state["step"], self.steps):
-                for group, rate in zip(optimiser.param_groups, (self.lr, self.lr_region), strict=True):
-                    group["lr"] = rate * min(1.0, (step + 1) / 4) * (1 - 0.9 * step / self.steps)
-                take = self.takes(step, self._frames(step), generator)
-                field = self._field(net, shift, labels)
-                reports: list[FrameReport] = []
-                trajectory = bench.simulate(
-                    field, take.frames[-1], gate_time=self.gate_time, report=reports, gather=gather
-                )
-                t = self.t_range[0] + (self.t_range[1] - self.t_range[0]) * float(torch.rand((), generator=generator))
-                loss = distilled = cond.distil(
-                    trajectory, take, t=t, generator=generator, weight=self.weight, estimator=self.estimator
-                )
-                if velocity is not None:
-                    loss = loss + bench.velocity_loss(velocity, trajectory, field, reports)
-                if self.smooth:
-                    loss = loss + self.smooth * spread(field.theta["E"].log10(), labels)
-                optimiser.zero_grad()
-                loss.backward()
-                norm = torch.nn.utils.clip_grad_norm_([*net.parameters(), shift], 1.0, error_if_nonfinite=True)
-                optimiser.step()
-                bar.update()
-                work.show("material", step + 1, self.steps, partial(lambda film: (bench.skin, film), trajectory))
-                work.log(step, loss=distilled.item(), total=loss.item(), grad=norm.item(), **summary(field))
-                if work.due() or step + 1 == self.steps:
-                    work.save(
-                        {
-                            "step": step + 1,
-                            "chosen": [dataclasses.asdict(h) for h in chosen],
-                            "net": net.state_dict(),
-                            "shift": shift.detach(),
-                            "optimiser": optimiser.state_dict(),
-                            "rng": generator.get_state(),
-                        }
-                    )
-        return net, shift.detach()
-
-    def _frames(self, step: int) -> int:
-        """Frames shown at this step: short clips first, when the start may be far away."""
-        everything = self.probe.frames
-        stages = self.curriculum or ((everything,) if self.stiffness_steps else (5, 7, 9, everything))
-        return min(everything, stages[min(len(stages) - 1, step * (len(stages) + 1) // max(self.steps, 1))])
-
-    def _param_E(self) -> Param:
-        """Young's modulus with the bounds of this fit."""
-        E = next(p for p in ELASTIC[self.elastic[0]].params if p.name == "E")
-        return dataclasses.replace(E, lo=10 ** self.stiffness[0], hi=10 ** self.stiffness[1])
-
-    def _field(self, net: MaterialNet, shift: Tensor, labels: Tensor, points: Points | None = None) -> MaterialField:
-        """What the network says, each region moved as a whole by its shift."""
-        field = net() if points is None else net(points)
-        E = bounded(self._param_E(), field.theta["E"], shift[labels], self.net.param_gain)
-        return dataclasses.replace(field, theta=field.theta | {"E": E})
-
-    def _film_field(
-        self, net: MaterialNet, shift: Tensor, labels: Tensor, gaussians: Gaussians, particles: Particles, bench: Bench
-    ) -> MaterialField:
-        """The trained field at all particles, hardened and pruned."""
-        parent = nearest(particles.x, bench.draft.x, 1)[1][:, 0]
-        field = self._field(net, shift, labels[parent], appearance(gaussians, particles))
-        pruned = prune(harden(field))
-        for name in pruned.dropped:
-            log.info("material: expert %s left out of the film (largest weight %.1e)", name, pruned.peaks[name])
-        return pruned.field
-
-    # ------------------------------------------------------------------ how good is it
-    def _verdict(
-        self, bench: Bench, cond: Conditions, field: MaterialField, table: MaterialField, work: Workspace
-    ) -> None:
-        """Hardened loss, held-out motion, and the loss at the table itself: below it one fits discretisation."""
-        pruned = prune(field)
-        numbers = {"hardened_loss": cond.score(bench.simulate(pruned.field), self.weight)}
-        if pruned.dropped:
-            numbers["pruning_change"] = bench.change(field, pruned.field)
-        if isinstance(getattr(cond.guidance, "references", None), TableClips):
-            numbers["loss_at_table"] = cond.score(bench.simulate(prune(table).field), self.weight)
-            other = dataclasses.replace(self.probe, speed=1.7 * self.probe.speed, tilt=0.25).scene(
-                bench.scene.dx, bench.size
-            )
-            mine, theirs = (bench.film(bench.simulate(prune(f).field, scene=other)) for f in (field, table))
-            numbers["held_out_motion"] = float(((mine - theirs) ** 2).mean())
-        work.summary(numbers | summary(field))
+    def penalty(self, field: MaterialField) -> Tensor | None:
+        """The variance of each learnt parameter inside a region."""
+        if not self.settings.smooth:
+            return None
+        inside = [spread(coordinate(p, field.theta[p.name]), self.labels) for p in self.params]
+        return self.settings.smooth * torch.stack(inside).sum()

@@ -1,5 +1,7 @@
 """Rotations and covariances of Gaussians."""
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -26,3 +28,18 @@ def covariances(quats: Tensor, scales: Tensor, F: Tensor | None = None) -> Tenso
     if F is not None:
         M = F @ M
     return M @ M.mT
+
+
+def log_covariances(quats: Tensor, log_scales: Tensor, *, thinnest: float = 1e-3) -> Tensor:
+    """ln Σ = R diag(2 ln s) Rᵀ, shape (..., 3, 3), of the natural logarithm of a length squared.
+
+    Arsigny et al. (2006). Twice as large and half as large are equally far, and turning the Gaussian turns the matrix
+    to rounding, however thin it is: the logarithm of a rounded Σ does not.
+
+    Args:
+        quats: orientations wxyz, shape (..., 4). log_scales: ln s, shape (..., 3).
+        thinnest: an extent below this part of the largest counts as this part: a disc has a finite logarithm.
+    """
+    R = rotations(quats)
+    floor = log_scales.amax(-1, keepdim=True) + math.log(thinnest)
+    return (R * (2 * torch.maximum(log_scales, floor))[..., None, :]) @ R.mT

@@ -59,7 +59,7 @@ def film(prompt: str, *overrides: str, **settings: Any) -> Made:
     Args:
         prompt: the sentence.
         overrides: as on the command line: ``"experiment=fast"``, ``"scene.seconds=1"``, ``"+film.floor=false"``.
-        settings: the same for settings of one word: ``seed=3``, ``store="/tmp/films"``, ``until="trajectory"``.
+        settings: the same for settings of one word: ``seed=3``, ``store="films"``, ``until="trajectory"``.
 
     Raises:
         Whatever the command line would say in one line: ``ValueError`` and Hydra's errors for settings, ``OSError``

@@ -16,7 +16,8 @@ import torch
 from torch import Tensor
 
 from diffuphy.losses.takes import Take
-from diffuphy.losses.velocity import Velocity
+from diffuphy.losses.velocity import Velocity, centroid
+from diffuphy.losses.video import by_frames
 from diffuphy.material import presets
 from diffuphy.mpm import FrameReport, HalfSpace, Scene, rollout
 from diffuphy.mpm.sample import coarsen
@@ -129,7 +130,12 @@ class Bench:
         return rollout(scene, self.draft.x, self.draft.vol, field, frames=frames, **options)
 
     def velocity_loss(
-        self, velocity: Velocity, trajectory: Trajectory, field: MaterialField, reports: Sequence[FrameReport] = ()
+        self,
+        velocity: Velocity,
+        trajectory: Trajectory,
+        field: MaterialField,
+        reports: Sequence[FrameReport] = (),
+        target: Tensor | None = None,
     ) -> Tensor:
         """λ_vel · L_vel of a drop (``losses.velocity``), a scalar.
 
@@ -141,10 +147,13 @@ class Bench:
             trajectory: of ``simulate``, T frames after the initial state.
             field: the material it was simulated with.
             reports: of the T frames, with ``velocity.needs`` gathered if that is not None.
+            target: the clip that the prior has in mind, at least T frames (H, W, 3), for the form ``image``.
 
         Raises:
-            ValueError: when the form needs what was not gathered in every frame.
+            ValueError: when the form needs what was not gathered in every frame, or a clip that is not there.
         """
+        if velocity.form == "image":
+            return self._image_velocity(velocity, trajectory, target)
         m = field.rho.detach() * self.draft.vol
         needed = {}
         if velocity.needs is not None:
@@ -156,6 +165,17 @@ class Bench:
                 )
             needed[velocity.needs] = torch.stack(sums)
         return velocity(trajectory.v, m, gravity=self.scene.gravity, dt=1 / self.scene.fps, **needed)
+
+    def _image_velocity(self, velocity: Velocity, trajectory: Trajectory, target: Tensor | None) -> Tensor:
+        if target is None:
+            raise ValueError("velocity.form = 'image' compares with the prior's clip, and this prior has none in mind")
+        take = Take.whole(len(trajectory.x) - 1)
+        draw, background, frames = self.drawing(take), self.background_of(take), list(take.frames)
+        seen = by_frames(lambda x, F: centroid(draw(x, F), background), trajectory.x[frames], trajectory.F[frames])
+        wanted = torch.stack([centroid(picture, background) for picture in target[: len(frames)]])
+        centre = self.camera.viewmats[0] @ self.camera.viewmats.new_tensor([0.0, 0.0, 0.42 * self.size, 1.0])
+        pixel = float(centre[2] / self.camera.Ks[0, 0, 0])
+        return velocity.of_pictures(seen, wanted, pixel=pixel, dt=1 / self.scene.fps)
 
     def camera_of(self, take: Take) -> Camera:
         """The one camera of a take: the experiment's, turned about the vertical axis through the object."""
@@ -193,6 +213,19 @@ class Bench:
         return float((x - y).norm(dim=-1).max()) / self.size
 
 
+def parts_of(library: Any, look: Look, draft: Particles) -> tuple[tuple[str, ...], Tensor]:
+    """Names of the parts of an object, and the part of each particle, shape (N,), int64.
+
+    Args:
+        library: knows the parts of an object (``text2gs.shapes.Library``); None: one part, the "object".
+    """
+    if library is None:
+        return ("object",), torch.zeros(len(draft), dtype=torch.long, device=draft.x.device)
+    shape = library.object(look)
+    points = (draft.x.cpu() - torch.tensor(draft.offset)) / draft.scale
+    return tuple(part.name for part in shape.parts), shape.part_of(points).long().to(draft.x.device)
+
+
 def table_field(
     library: object, look: Look, motion: Motion, draft: Particles, override: Mapping[str, float | None] | None = None
 ) -> MaterialField:
@@ -202,19 +235,19 @@ def table_field(
         library: knows the parts of an object (``text2gs.shapes.Library``); None: one material for the whole object.
         override: parameters that all parts take instead of the table's, by the names of ``presets.Preset`` [SI].
     """
-    whole = motion.materials.get("", next(iter(motion.materials.values())))
-    words = [whole]
-    index = torch.zeros(len(draft), dtype=torch.long)
-    if library is not None and set(motion.materials) - {""}:
-        shape = library.object(look)  # type: ignore[attr-defined]
-        words = [motion.materials.get(part.name, whole) for part in shape.parts]
-        points = (draft.x.cpu() - torch.tensor(draft.offset)) / draft.scale
-        index = shape.part_of(points).long()
+    words, index = words_of(library, look, motion, draft)
     kinds = [presets.lookup(w) for w in words]
     kinds = [presets.melt(k) for k in kinds] if motion.verb == "melting" else kinds
     given = {k: v for k, v in (override or {}).items() if v is not None}
     kinds = [dataclasses.replace(k, **given) for k in kinds]
-    return presets.field(kinds, index.to(draft.x.device), dtype=draft.x.dtype)
+    return presets.field(kinds, index, dtype=draft.x.dtype)
+
+
+def words_of(library: object, look: Look, motion: Motion, draft: Particles) -> tuple[list[str], Tensor]:
+    """Material words by the prompt, one for each part of the object, and the part of each particle, shape (N,)."""
+    whole = motion.materials.get("", next(iter(motion.materials.values())))
+    names, index = parts_of(library if set(motion.materials) - {""} else None, look, draft)
+    return [motion.materials.get(name, whole) for name in names], index
 
 
 @dataclass(frozen=True)

@@ -104,10 +104,12 @@ class Workspace:
             with open(self.directory / "metrics.jsonl", "a", encoding="utf-8") as f:
                 f.write(json.dumps({"step": step, "time": round(time.time(), 3), **scalars}) + "\n")
 
-    def summary(self, numbers: dict[str, float]) -> None:
+    def summary(self, numbers: dict[str, Any]) -> None:
         """Write what the stage has to say about its result to ``summary.json``."""
         if self.directory is not None:
-            (self.directory / "summary.json").write_text(json.dumps(numbers, indent=1), encoding="utf-8")
+            (self.directory / "summary.json").write_text(
+                json.dumps(numbers, indent=1, ensure_ascii=False), encoding="utf-8"
+            )
 
     def image(self, name: str, rgb: Any) -> None:
         """Write a preview PNG from values in [0, 1], shape (H, W, 3)."""

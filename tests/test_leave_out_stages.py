@@ -21,6 +21,7 @@ from diffuphy.mpm import rollout
 from diffuphy.mpm.filling import Flood, Rays
 from diffuphy.mpm.sample import Sample
 from diffuphy.plan import Plan
+from diffuphy.probe import Bench
 from diffuphy.render import Film, orbit, render_gaussians, sh
 from diffuphy.render.floor import Shadow
 from diffuphy.render.kinematics import limit_stretch
@@ -53,8 +54,8 @@ def test_a_velocity_loss_of_weight_zero_is_no_velocity_loss(monkeypatch):
     with monkeypatch.context() as m:
         m.setattr(Velocity, "__call__", Forbidden("the velocity loss"))
         asked = []
-        simulate = fit_module.Bench.simulate
-        m.setattr(fit_module.Bench, "simulate", lambda self, *a, **k: (asked.append(k), simulate(self, *a, **k))[1])
+        simulate = Bench.simulate
+        m.setattr(Bench, "simulate", lambda self, *a, **k: (asked.append(k), simulate(self, *a, **k))[1])
         nothing = run(stage(velocity=Velocity("consistent", 0.0)))
         assert not any(options.get("gather") for options in asked)
     heavy = run(stage(velocity=Velocity("consistent", 10.0)))

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 import torch
 
+from diffuphy.case import Conditions
 from diffuphy.losses import sds
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.losses.takes import Take
 from diffuphy.probe import Probe, TableClips, table_field
-from diffuphy.scan import Conditions
 from diffuphy.types import Look, Motion
 
 spec = importlib.util.spec_from_file_location("ball_of_stage", Path(__file__).parent / "test_fit_material.py")

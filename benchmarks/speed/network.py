@@ -8,7 +8,7 @@ import torch
 from benchmarks.speed.body import material, now
 from benchmarks.speed.prices import Row
 from benchmarks.speed.simulation import best
-from diffuphy.cost.stages import flops
+from diffuphy.cost.learning import flops
 from diffuphy.material import ELASTIC
 from diffuphy.material.encoder import N_FEATURES, Points
 from diffuphy.material.net import Net

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from benchmarks.speed.body import now
 from benchmarks.speed.prices import Row
-from diffuphy.cost.stages import pictures
+from diffuphy.cost.counted import pictures
 from diffuphy.render import Dense, Warp, orbit, rasterize
 from diffuphy.render.sh import colors
 from diffuphy.types import Camera

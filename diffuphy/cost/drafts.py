@@ -5,8 +5,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from diffuphy.cost.body import Body
+from diffuphy.cost.counted import Counted
 from diffuphy.cost.rollouts import add, times
-from diffuphy.cost.stages import Counted, trajectory
+from diffuphy.cost.stages import trajectory
 from diffuphy.types import Motion
 
 FULL = 1.25

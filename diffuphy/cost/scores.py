@@ -4,8 +4,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from diffuphy.cost.body import Body
+from diffuphy.cost.counted import Counted, pictures
 from diffuphy.cost.rollouts import add, times
-from diffuphy.cost.stages import Counted, clip, pictures, trajectory
+from diffuphy.cost.stages import clip, trajectory
 from diffuphy.types import Motion
 
 

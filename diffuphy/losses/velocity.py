@@ -1,4 +1,4 @@
-"""The velocity loss: Newton's second law between two frames, in three forms that measure three different things.
+"""The velocity loss: Newton's second law between two frames, in forms that measure different things.
 
 The paper (eqs 12–15) compares the velocity change of each particle with the one its forces explain:
 
@@ -19,6 +19,10 @@ The paper (eqs 12–15) compares the velocity change of each particle with the o
     For the whole body, in which internal forces cancel: r = (Σ m Δv − M g Δt − J) / M with the wall impulse J that
     the simulator counted. Zero to rounding for a correct solver and any material: a test of the solver, not a teacher
     of the material. Where nobody counted, ``contact_impulse`` gives the impulse a wall could have had.
+``image``
+    The momentum of the body as a camera sees it: the velocity of the centroid of the picture against that of the
+    prior's clip. Newton's law holds for both, so what differs is when and how hard the floor answered. Needs a prior
+    that has a clip in mind.
 
 Measured on the recovery of Young's modulus: the sign of the literal form's gradient is right in 46–54 % of starts, a
 coin; from 3e-3 on it can drive a good fit away. Hence weight 0 by default, and the forms kept apart by name.
@@ -26,12 +30,12 @@ coin; from 3e-3 on it can drive a good fit away. Hence weight 0 by default, and 
 
 import math
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import torch
 from torch import Tensor
 
-Form = Literal["consistent", "literal", "momentum"]
+Form = Literal["consistent", "literal", "momentum", "image"]
 
 
 def velocity_loss(
@@ -44,7 +48,7 @@ def velocity_loss(
     expected_dv: Tensor | None = None,
     impulse: Tensor | None = None,
 ) -> Tensor:
-    """One of the three forms above, mean over frames, in m²/s².
+    """One of the forms above that particles tell, mean over frames, in m²/s².
 
         literal      mean_t 1/N Σ_i |v_i,t+1 − v_i,t − g Δt|²
         consistent   mean_t 1/N Σ_i |v_i,t+1 − v_i,t − Δv_expected,i,t|²
@@ -68,6 +72,38 @@ def velocity_loss(
         return (change - fall).square().sum(-1).mean()
     residual = ((change - fall) * m[:, None]).sum(1) - impulse
     return (residual / m.sum()).square().sum(-1).mean()
+
+
+def centroid(picture: Tensor, background: Tensor) -> Tensor:
+    """Where the picture differs from its background, on the average [px], shape (2,): column, row.
+
+        c = Σ_q a_q q / Σ_q a_q,   a_q = |rgb_q − background|²
+
+    Args:
+        picture: shape (H, W, 3). background: shape (3,).
+
+    Raises:
+        ValueError: nothing differs from the background, so nothing has a centroid.
+    """
+    a = (picture - background).square().sum(-1)
+    total = a.sum()
+    if not float(total.detach()) > 0:
+        raise ValueError("the picture is all background; film the object, or take another velocity.form than 'image'")
+    rows, columns = (torch.arange(n, dtype=a.dtype, device=a.device) + 0.5 for n in a.shape)
+    return torch.stack([(a.sum(0) * columns).sum(), (a.sum(1) * rows).sum()]) / total
+
+
+def image_velocity_loss(c: Tensor, target: Tensor, *, pixel: float, dt: float) -> Tensor:
+    """mean_t |u_t − u*_t|² with the velocities u_t = pixel · (c_{t+1} − c_t)/Δt of two centroids [m²/s²].
+
+    Args:
+        c, target: centroids of the frames, shape (T, 2) [px], T ≥ 2.
+        pixel: side of a pixel where the object is [m].
+        dt: time between frames Δt [s].
+    """
+    if c.shape != target.shape or len(c) < 2:
+        raise ValueError(f"c and target must be the same T ≥ 2 centroids, got {tuple(c.shape)}, {tuple(target.shape)}")
+    return (pixel / dt * (c - target).diff(dim=0)).square().sum(-1).mean()
 
 
 def contact_impulse(
@@ -139,7 +175,7 @@ class Velocity:
     """λ_vel · L_vel (paper eq. 15)."""
 
     form: Form = "consistent"
-    """``consistent``, ``literal`` (eqs 12–14 as printed: punishes all but free fall) or ``momentum``; see above."""
+    """``consistent``, ``literal`` (eqs 12–14 as printed: punishes all but free fall), ``momentum`` or ``image``."""
     weight: float = 0.0
     """λ_vel [s²/m²]; 0.2 in the paper. 0 leaves the loss out: no form teaches the material, the literal misleads."""
 
@@ -154,16 +190,10 @@ class Velocity:
         """``expected_dv`` or ``impulse`` if the simulator must gather it; None if v is enough or the weight is 0."""
         return {"consistent": "expected_dv", "momentum": "impulse"}.get(self.form) if self.weight > 0 else None
 
-    def __call__(
-        self,
-        v: Tensor,
-        m: Tensor,
-        *,
-        gravity: Tensor | tuple[float, float, float],
-        dt: float,
-        expected_dv: Tensor | None = None,
-        impulse: Tensor | None = None,
-    ) -> Tensor:
+    def __call__(self, v: Tensor, m: Tensor, **given: Any) -> Tensor:
         """``weight`` · ``velocity_loss(form, ...)``."""
-        loss = velocity_loss(self.form, v, m, gravity=gravity, dt=dt, expected_dv=expected_dv, impulse=impulse)
-        return self.weight * loss
+        return self.weight * velocity_loss(self.form, v, m, **given)
+
+    def of_pictures(self, c: Tensor, target: Tensor, *, pixel: float, dt: float) -> Tensor:
+        """``weight`` · ``image_velocity_loss(...)``."""
+        return self.weight * image_velocity_loss(c, target, pixel=pixel, dt=dt)

@@ -45,6 +45,16 @@ def video_sds(
     return inject(z, gradient, value)
 
 
+def by_frames(f: Callable[..., Tensor], *operands: Tensor) -> Tensor:
+    """f of each frame's operands, stacked, with the graph of none of them: backward makes them one by one.
+
+    Args:
+        f: of one row of each operand; what it depends on besides gets no gradient.
+        operands: one row a frame.
+    """
+    return _OneByOne.apply(f, *operands)  # type: ignore[return-value]
+
+
 def clip_latents(guidance: Guidance, draw: Draw, operands: Sequence[Tensor]) -> Tensor:
     """z of the clip that ``operands`` draw, with the graph of none of its frames: backward makes them one by one."""
     if len({len(o) for o in operands}) != 1 or len(operands[0]) == 0:

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from diffuphy.types import MaterialField
 
-GateName = Literal["softmax", "sparsemax"]
+GateName = Literal["softmax", "sparsemax", "start"]
 
 MARGIN = 0.01
 """A learnt parameter starts at least this fraction of its (log-)range from both ends, where the sigmoid still moves."""
@@ -59,7 +59,7 @@ def sparsemax(logits: Tensor) -> Tensor:
 
 
 def gate(logits: Tensor, kind: GateName) -> Tensor:
-    """Weights on the simplex from logits (paper eq. 9 for ``softmax``), shape (..., K)."""
+    """Weights on the simplex from logits (paper eq. 9 for ``softmax``), shape (..., K); not for ``start``."""
     return sparsemax(logits) if kind == "sparsemax" else torch.softmax(logits, -1)
 
 
@@ -97,6 +97,12 @@ def inside(params: Sequence[Bounds], theta: Mapping[str, Tensor]) -> dict[str, T
     return moved
 
 
+def coordinate(p: Bounds, value: Tensor) -> Tensor:
+    """A parameter on a scale where equal steps mean equally much: log10 of a logarithmic one, the others over their
+    range."""
+    return value.log10() if p.log else (value - p.lo) / (p.hi - p.lo)
+
+
 def _ends(p: Bounds) -> tuple[float, float]:
     return (math.log(p.lo), math.log(p.hi)) if p.log else (p.lo, p.hi)
 
@@ -126,7 +132,7 @@ class Decoder(nn.Module):
         width: hidden width of the head.
         elastic, plastic: names of the candidate experts.
         params: the learnt parameters, with their bounds.
-        kind: ``softmax``, or ``sparsemax`` for exact zeros.
+        kind: ``softmax``, ``sparsemax`` for exact zeros, or ``start``, which leaves the weights as they are.
         bias: b, head start of the start's expert [-]; a softmax begins at e^b / (e^b + K − 1) on a one-hot start.
         gate_gain, param_gain: slopes of the outputs [-].
 
@@ -150,7 +156,8 @@ class Decoder(nn.Module):
         super().__init__()
         self.elastic, self.plastic, self.params = tuple(elastic), tuple(plastic), tuple(params)
         self.kind, self.bias, self.gate_gain, self.param_gain = kind, bias, gate_gain, param_gain
-        self.split = [len(e) if len(e) > 1 else 0 for e in (self.elastic, self.plastic)] + [len(self.params)]
+        free = [len(e) if len(e) > 1 and kind != "start" else 0 for e in (self.elastic, self.plastic)]
+        self.split = [*free, len(self.params)]
         if not sum(self.split):
             raise ValueError(
                 f"nothing to learn: one elastic expert {self.elastic}, one plastic {self.plastic} and no parameter; "

@@ -9,11 +9,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-N_FEATURES = 10
-"""Features besides the position: 6 of the covariance, 1 opacity, 3 colour."""
-
-THINNEST = 1e-6
-"""Least eigenvalue of a covariance relative to its trace: thinner than 1/1000 of its size is a disc to the network."""
+N_FEATURES = 11
+"""Features besides the position: 6 of the covariance, 1 opacity, 3 colour, 1 sheen."""
 
 
 @dataclass(frozen=True)
@@ -23,48 +20,71 @@ class Points:
     x: Tensor
     """Positions at rest, shape (N, 3) [m]."""
     f: Tensor
-    """Log covariance (6), opacity (1), colour (3), shape (N, 10)."""
+    """Log covariance (6), opacity (1), colour (3), sheen (1), shape (N, 11)."""
 
     def __len__(self) -> int:
         return self.x.shape[0]
 
+    @property
+    def color(self) -> Tensor:
+        """rgb in [0, 1], shape (N, 3)."""
+        return self.f[:, 7:10]
 
-def features(x: Tensor, colors: Tensor, opacities: Tensor, cov: Tensor) -> Points:
+    def seen_from(self, origin: Tensor, axes: Tensor) -> "Points":
+        """The same points in another frame: x' = Aᵀ (x − o), (ln Σ)' = Aᵀ (ln Σ) A.
+
+        Args:
+            origin: o, shape (3,) [m].
+            axes: orthonormal columns A, shape (3, 3).
+        """
+        log_cov = axes.mT @ _matrix(self.f[:, :6]) @ axes
+        return Points((self.x - origin) @ axes, torch.cat([_upper(log_cov), self.f[:, 6:]], 1))
+
+
+def features(x: Tensor, colors: Tensor, opacities: Tensor, log_cov: Tensor, sheen: Tensor | None = None) -> Points:
     """Points from what is known of their Gaussians.
 
-        f = [ln Σ (upper triangle, off-diagonal √2), α, c]
+        f = [ln Σ (upper triangle, off-diagonal √2), α, c, sheen]
 
-    The logarithm of the covariance (Arsigny et al. 2006) makes twice as large and half as large equally far, and its
-    norm does not depend on the axes. Its unit only shifts the diagonal, which the network's standardisation removes.
+    The norm of the logarithm of a covariance does not depend on the axes (``geometry.log_covariances``). Its unit only
+    shifts the diagonal, which the network's standardisation removes.
 
     Args:
         x: positions at rest, shape (N, 3) [m].
         colors: rgb in [0, 1], shape (N, 3).
         opacities: shape (N,).
-        cov: covariances, positive semidefinite and not zero, shape (N, 3, 3) [m²].
+        log_cov: logarithms of the covariances, symmetric, shape (N, 3, 3) [ln m²].
+        sheen: how much the colour changes with the direction it is seen from, shape (N,); None for not at all.
 
     Raises:
         ValueError: for a wrong shape, or a covariance without extent.
     """
     n = x.shape[0]
-    got = {"x": x.shape, "colors": colors.shape, "opacities": opacities.shape, "cov": cov.shape}
-    want = {"x": (n, 3), "colors": (n, 3), "opacities": (n,), "cov": (n, 3, 3)}
-    if wrong := [f"{k} {tuple(got[k])}, not {want[k]}" for k in want if tuple(got[k]) != want[k]]:
+    sheen = torch.zeros_like(opacities) if sheen is None else sheen
+    got = {"x": x, "colors": colors, "opacities": opacities, "log_cov": log_cov, "sheen": sheen}
+    want = {"x": (n, 3), "colors": (n, 3), "opacities": (n,), "log_cov": (n, 3, 3), "sheen": (n,)}
+    if wrong := [f"{k} {tuple(got[k].shape)}, not {want[k]}" for k in want if tuple(got[k].shape) != want[k]]:
         raise ValueError(f"features got {'; '.join(wrong)}; give one row per point")
-    with torch.no_grad():
-        trace = cov.diagonal(dim1=1, dim2=2).sum(1)
-        if not bool((trace > 0).all()):
-            bad = int((~(trace > 0)).nonzero()[0])
-            raise ValueError(
-                f"covariance {bad} has trace {float(trace[bad])}, not > 0; drop the point or give it an extent"
-            )
-        unit = cov / trace[:, None, None]
-        s, axes = torch.linalg.eigh((unit + unit.mT) / 2)
-        log_s = s.clamp(min=THINNEST).log() + trace.log()[:, None]
-        log_cov = (axes * log_s[:, None, :]) @ axes.mT
-        row, col = torch.triu_indices(3, 3, device=cov.device)
-        upper = log_cov[:, row, col] * torch.where(row == col, 1, 2).to(cov.dtype).sqrt()
-        return Points(x.detach(), torch.cat([upper, opacities[:, None], colors], 1).detach().to(x.dtype))
+    finite = log_cov.isfinite().all(2).all(1)
+    if not bool(finite.all()):
+        bad = int((~finite).nonzero()[0])
+        raise ValueError(f"the logarithm of covariance {bad} is not finite; drop the point or give it an extent")
+    f = torch.cat([_upper(log_cov), opacities[:, None], colors, sheen[:, None]], 1)
+    return Points(x.detach(), f.detach().to(x.dtype))
+
+
+def _upper(matrix: Tensor) -> Tensor:
+    """Upper triangles of symmetric matrices (N, 3, 3) → (N, 6), off-diagonal √2, so that norms stay."""
+    row, col = torch.triu_indices(3, 3, device=matrix.device)
+    return matrix[:, row, col] * torch.where(row == col, 1, 2).to(matrix.dtype).sqrt()
+
+
+def _matrix(upper: Tensor) -> Tensor:
+    """The matrices that ``_upper`` was taken of."""
+    row, col = torch.triu_indices(3, 3, device=upper.device)
+    matrix = upper.new_zeros(len(upper), 3, 3)
+    matrix[:, row, col] = matrix[:, col, row] = upper / torch.where(row == col, 1, 2).to(upper.dtype).sqrt()
+    return matrix
 
 
 class PatchEmbedding(nn.Module):

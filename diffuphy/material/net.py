@@ -3,7 +3,8 @@
     groups of the draft particles ─ encoder → tokens ─ 3-nearest interpolation → particle ─ decoder → MaterialField
 
 The groups are fixed when the network is built; the particles that ask may be any: the draft ones in training, all
-those of the film afterwards.
+those of the film afterwards. All of it is said in the frame of the body (``patches.body_frame``): an object that is
+moved, turned or listed in another order has the same material.
 """
 
 from collections.abc import Sequence
@@ -16,7 +17,7 @@ from torch import Tensor, nn
 from diffuphy.material.decoder import Bounds, Decoder, GateName
 from diffuphy.material.encoder import N_FEATURES, Encoder, Points
 from diffuphy.material.field import take
-from diffuphy.material.patches import farthest_points, interpolation, nearest
+from diffuphy.material.patches import body_frame, farthest_points, interpolation, nearest
 from diffuphy.types import MaterialField
 
 STD_FLOOR = 0.05
@@ -38,7 +39,8 @@ class Net:
     heads: int = 4
     """Attention heads; divides ``width``."""
     gate: GateName = "softmax"
-    """``softmax`` (paper eq. 9) or ``sparsemax``, which reaches exact zeros."""
+    """``softmax`` (paper eq. 9); ``sparsemax``, which reaches exact zeros; or ``start``: the weights stay as they are,
+    a choice of laws by the scan alone, and laws without weight are not even simulated."""
     bias: float = 8.0
     """Head start b of the start's expert in its gate [-]: 1.5 was trained away, 4 and 8 were kept; of four experts the
     others begin with 3/(3 + eᵇ) = 0.001 at 8 but 0.05 at 4, and that much plasticity a substep melts a solid."""
@@ -139,15 +141,17 @@ class MaterialNet(nn.Module):
 
     def _place(self, net: Net, points: Points) -> None:
         """Fix the frame of the network, its groups, and the draft particles' place among them."""
-        origin = points.x.mean(0)
-        radius = (points.x - origin).abs().amax()
+        origin, axes = body_frame(points.x, 1 + points.color.mean(1))
+        points = points.seen_from(origin, axes)
+        radius = points.x.norm(dim=1).amax()
         if not radius > 0:
             raise ValueError("all points coincide; a material network needs an object with extent")
         self.register_buffer("origin", origin)
+        self.register_buffer("axes", axes)
         self.register_buffer("radius", radius)
         self.register_buffer("mean", points.f.mean(0))
         self.register_buffer("std", points.f.std(0, correction=0).clamp(min=STD_FLOOR))
-        x, f = self._normalise(points)
+        x, f = points.x / radius, (points.f - self.mean) / self.std
         centres = x[farthest_points(x, net.groups)]
         reach, members = nearest(centres, x, net.group_size)
         relative = (x[members] - centres[:, None]) / reach[:, -1].mean().clamp(min=torch.finfo(x.dtype).tiny)
@@ -159,7 +163,9 @@ class MaterialNet(nn.Module):
         self.register_buffer("draft_weight", weight)
 
     def _normalise(self, points: Points) -> tuple[Tensor, Tensor]:
-        return (points.x - self.origin) / self.radius, (points.f - self.mean) / self.std
+        """Positions in the frame of the body over its radius, and standardised features."""
+        points = points.seen_from(self.origin, self.axes)
+        return points.x / self.radius, (points.f - self.mean) / self.std
 
     @property
     def start(self) -> MaterialField:

@@ -31,6 +31,27 @@ def loss_lines(components: Mapping[str, Any]) -> list[Line]:
                   "no loss needs impulses or forces"),
         Line.kept("enumeration", bool(fit.stiffness_steps), "finds the basin before descending",
                   "material.stiffness_steps=0", other("stiffness_steps")),
+        *(training_lines(fit) if fit.steps else ()),
+    ]  # fmt: skip
+
+
+def training_lines(fit: Any) -> list[Line]:
+    """What is learnt, from how many starts, and when it ends."""
+    choice = bool(fit.stiffness_steps) and len(fit.plastic) > 1
+    few = choice and fit.refine > 1 and fit.refine_steps > 0
+    gates = {
+        "softmax": "every candidate keeps a share; hardened for the film",
+        "sparsemax": "shares reach zero exactly; hardened for the film",
+        "start": "laws are those of the scan; no other law is simulated in training",
+    }
+    mixed = len(fit.elastic) * len(fit.plastic) > 1
+    return [
+        Line("learnt parameters", ", ".join(fit.learn), "the others are the table's"),
+        Line("gate", fit.net.gate, gates[fit.net.gate]) if mixed else Line("gate", "left out", "one law"),
+        Line.kept("refinement", few, f"the {fit.refine} best choices of laws take {fit.refine_steps} steps each",
+                  "one choice of laws" if not choice else "material.refine=1 or refine_steps=0"),
+        Line.kept("early stop", bool(fit.patience), f"{fit.patience} scores without progress end the training",
+                  "material.patience=0"),
     ]  # fmt: skip
 
 

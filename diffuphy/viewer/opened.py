@@ -92,8 +92,7 @@ def _components(folder: Path, motion: Motion) -> dict[str, Any]:
     if not file.exists():
         raise ValueError(f"{file} is missing: it says with which settings the run was made; run its command again")
     config = OmegaConf.load(file)
-    names = ("particles", "trajectory", "clip")
-    stages = {name: OmegaConf.to_container(config.stages[name], resolve=True) for name in names}
-    components = make(stages)
     accuracy = config.get("accuracy")
+    names = ["trajectory", "clip"] if accuracy is None else ["particles", "trajectory", "clip"]
+    components = make({name: OmegaConf.to_container(config.stages[name], resolve=True) for name in names})
     return components if accuracy is None else choose(accuracy, motion).applied(components)

@@ -6,8 +6,6 @@ import logging
 import socket
 from typing import Any
 
-log = logging.getLogger(__name__)
-
 LOCAL = "127.0.0.1"
 """The address that only this machine reaches."""
 
@@ -33,6 +31,7 @@ def serve(host: str = LOCAL, port: int = PORT, *, title: str = "diffuphy") -> An
         raise ValueError(f"port must be between 1024 and 65535, got {port}")
     import viser
 
+    logging.getLogger("websockets").setLevel(logging.WARNING)
     with contextlib.redirect_stdout(io.StringIO()):  # it greets with the address alone
         server = viser.ViserServer(host=host, port=port, label=title, verbose=False)
     server.gui.configure_theme(show_share_button=False, show_logo=False, control_width="medium")

@@ -9,10 +9,11 @@ from pathlib import Path
 
 from torch import Tensor
 
+from diffuphy.formats.run import said
 from diffuphy.mpm import Scene
 from diffuphy.mpm.trajectory import Play
-from diffuphy.render import write_mp4
 from diffuphy.render.ply import write as write_ply
+from diffuphy.render.video import playback, write_mp4
 from diffuphy.types import Motion, Particles
 from diffuphy.viewer.change import Change
 from diffuphy.viewer.hand import Hand, pick
@@ -88,11 +89,15 @@ class Session:
 
     def splats(self) -> Splats:
         """The picture of now."""
+        figure, seen = self._now()
+        return figure(*seen)
+
+    def _now(self) -> tuple[Figure, tuple[Tensor, Tensor, Tensor | None]]:
         with self._lock:
             live, stage, shot, frame, view = self.live, self._stage, self.shot, self.player.frame, self.view
         if live is not None and stage is not None and live.latest is not None:
-            return stage.splats(live.latest, view)
-        return shot.splats(frame, view)
+            return stage.figure, stage.seen(live.latest, view)
+        return shot.figure, shot.seen(frame, view)
 
     def legend(self, height: int) -> Tensor | None:
         """What the colours mean, rgba (h, w, 4); None where they are its own."""
@@ -165,23 +170,25 @@ class Session:
 
     # ------------------------------------------------------------------ to take home
     def export_film(self) -> bool:
-        """Film what is played, in the background; whether nothing else was running."""
-        shot = self.shot
-        return self.job.start("film", lambda progress: self._film(shot, progress))
+        """Film what is played, in the view that is shown, in the background; whether nothing else was running."""
+        shot, view = self.shot, self.view
+        return self.job.start("film", lambda progress: self._film(shot, view, progress))
 
-    def _film(self, shot: Shot, progress: Progress) -> str:
-        run = self.run
-        film = dataclasses.replace(run.film, neighbours=self._neighbours(shot.particles))
-        clip = film(run.gaussians.to("cpu"), shot.particles.to("cpu"), shot.trajectory, work=Watched(progress))
+    def _film(self, shot: Shot, view: str, progress: Progress) -> str:
+        film = dataclasses.replace(self.run.film, neighbours=self._neighbours(shot.particles), view=view)
+        made_of = (t.to("cpu") for t in (self.run.gaussians, shot.particles, shot.trajectory, shot.field))
+        clip = film(*made_of, work=Watched(progress))
         path = self._new("film", "mp4")
-        write_mp4(path, clip.rgb, clip.fps)
+        comment = said(self.run.motion.text, clip.fps, clip.slow, view)
+        write_mp4(path, clip.rgb, playback(clip), title=shot.title, comment=comment)
         return f"wrote {path}"
 
     def export_ply(self) -> str:
         """Write the Gaussians of now; the line to show."""
         try:
             path = self._new("frame", "ply")
-            write_ply(path, self.splats().gaussians())
+            figure, seen = self._now()
+            write_ply(path, figure.gaussians(*seen))
         except Exception as error:
             return f"ply: {line_of(error)}"
         return f"wrote {path}"

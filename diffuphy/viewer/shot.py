@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from diffuphy.formats.run import absorbed
 from diffuphy.geometry import rotations
 from diffuphy.mpm import State
 from diffuphy.render import Skin
@@ -37,23 +38,6 @@ class Splats(NamedTuple):
     """Shape (G, 3), in [0, 1]."""
     opacities: np.ndarray
     """Shape (G, 1), in [0, 1]."""
-
-    def gaussians(self) -> Gaussians:
-        """The same as a result, in metres: axes and scales are those of Σ."""
-        from scipy.spatial.transform import Rotation
-
-        variance, axes = torch.linalg.eigh(torch.from_numpy(self.covariances).double())
-        axes = axes * torch.linalg.det(axes).sign()[:, None, None]  # right-handed
-        quats = torch.from_numpy(Rotation.from_matrix(axes.numpy()).as_quat())[:, [3, 0, 1, 2]]
-        tiny = torch.finfo(torch.float32).tiny
-        alpha = torch.from_numpy(self.opacities[:, 0]).double().clamp(1e-6, 1 - 1e-6)
-        return Gaussians(
-            torch.from_numpy(self.centers),
-            quats.float(),
-            (0.5 * variance.clamp_min(tiny).log()).float(),
-            torch.logit(alpha).float(),
-            from_rgb(torch.from_numpy(self.rgbs)),
-        )
 
 
 def _resting(g: Gaussians) -> tuple[Tensor, Tensor, Tensor]:
@@ -97,14 +81,29 @@ class Figure:
         Args:
             colors: of the particles, shape (N, 3); None: those of the film.
         """
-        axes, rgb, opacity = self._rest
+        axes, _, opacity = self._rest
+        means, F_g = self._moved(x, F)
+        M = F_g @ axes
+        return Splats(*(t.float().numpy() for t in (means, M @ M.mT, self._rgb(colors), opacity)))
+
+    def _rgb(self, colors: Tensor | None) -> Tensor:
+        """Colours of Gaussians, of those that stay where they are too."""
+        rgb = self._rest[1]
+        if colors is None:
+            return rgb
+        tied = self.skin.skin if isinstance(self.skin, Scenery) else self.skin
+        own = onto_gaussians(colors.to(rgb), tied.index, tied.weight)
+        return torch.cat([own, rgb[len(own) :]])
+
+    def gaussians(self, x: Tensor, F: Tensor, colors: Tensor | None = None) -> Gaussians:
+        """The same as a result, in metres, with all harmonics of the film's own colours."""
+        g = self.skin.gaussians
+        made = absorbed(g, *self._moved(x, F))
+        return made if colors is None else dataclasses.replace(made, sh=from_rgb(self._rgb(colors)))
+
+    def _moved(self, x: Tensor, F: Tensor) -> tuple[Tensor, Tensor]:
         means, F_g = self.skin(x, F)
-        M = limit_stretch(F_g, self.stretch) @ axes
-        if colors is not None:
-            tied = self.skin.skin if isinstance(self.skin, Scenery) else self.skin
-            own = onto_gaussians(colors.to(rgb), tied.index, tied.weight)
-            rgb = torch.cat([own, rgb[len(own) :]])
-        return Splats(*(t.float().numpy() for t in (means, M @ M.mT, rgb, opacity)))
+        return means, limit_stretch(F_g, self.stretch)
 
 
 @dataclass(frozen=True)
@@ -136,10 +135,10 @@ class Shot:
             self._painters[view] = painter(view, self.trajectory, self.field.to("cpu"))
         return self._painters[view]
 
-    def splats(self, t: int, view: str = "colour") -> Splats:
-        """Frame ``t``."""
+    def seen(self, t: int, view: str) -> tuple[Tensor, Tensor, Tensor | None]:
+        """Places, deformations and colours of the particles in frame ``t``, what a figure is made of."""
         paint, now = self.painter(view), Moment.of(self.trajectory, t)
-        return self.figure(now.x, now.F, None if paint is None else paint(now))
+        return now.x, now.F, None if paint is None else paint(now)
 
 
 @dataclass(frozen=True)
@@ -161,9 +160,9 @@ class Stage:
             return None
         return dataclasses.replace(film, field=self.field) if isinstance(film, Measured) else Mixed.of(self.field)
 
-    def splats(self, state: State, view: str = "colour") -> Splats:
-        """The picture of a state."""
+    def seen(self, state: State, view: str) -> tuple[Tensor, Tensor, Tensor | None]:
+        """Places, deformations and colours of the particles in a state, what a figure is made of."""
         x, v, F = (t.detach().float().cpu() for t in (state.x, state.v, state.F))
         paint = self.painter(view)
         Fe = None if state.Fe is None else state.Fe.float().cpu()
-        return self.figure(x, F, None if paint is None else paint(Moment(x, v, F, Fe)))
+        return x, F, None if paint is None else paint(Moment(x, v, F, Fe))

@@ -5,11 +5,13 @@ than ``SHARE`` of the time; and whatever goes wrong here is told once and ends t
 """
 
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable
 from typing import Any, Self
 
+import numpy as np
 import torch
 
 from diffuphy.render.skin import Skin
@@ -23,7 +25,7 @@ log = logging.getLogger(__name__)
 EVERY = 2.0
 """Shortest time between two pictures of a stage [s]."""
 
-SHARE = 0.01
+SHARE = 0.02
 """Largest part of the time that making pictures may take, and sending those of a clip as much again [-]."""
 
 STRETCH = 3.0
@@ -64,9 +66,12 @@ class Training:
         self.server = server
         self._text = server.gui.add_markdown("waiting for a stage that trains")
         self._bar = server.gui.add_progress_bar(0.0)
-        server.scene.add_grid("/floor", width=4 * SIZE, height=4 * SIZE, cell_size=SIZE / 5, section_size=SIZE,
-                              plane_opacity=0.35)  # fmt: skip
-        server.initial_camera.position, server.initial_camera.look_at = (2.2, -3.8, 2.0), (0.0, 0.0, 0.5)
+        side = 4 * SIZE
+        self._floor = server.scene.add_grid(
+            "/floor", width=side, height=side, cell_size=SIZE / 5, section_size=SIZE, plane_opacity=0.35
+        )
+        camera = server.initial_camera
+        camera.position, camera.look_at, camera.fov = (3.6, -6.2, 1.8), (0.0, 0.0, 0.2), math.radians(32.0)
         self._splatting: Splatting | None = None
         self._broken = False
         self._pace, self._told = Pace(EVERY, SHARE), Pace(0.2, SHARE)
@@ -98,7 +103,10 @@ class Training:
             self._text.content = f"{stage}: step {step} of {total}"
             self._bar.value = 100.0 * step / max(total, 1)
             if self._pace.due(now):
-                self._clip = _pictures(seen())
+                made = seen()
+                self._clip = _pictures(made)
+                low = float(self._clip[0].centers[:, 2].min()) if isinstance(made, Gaussians) else -SIZE / 2
+                self._floor.position = (0.0, 0.0, low)
                 self._send(self._clip[0])
                 self._pace.took(now, time.perf_counter())
             self._told.took(now, now)
@@ -141,7 +149,8 @@ class Training:
 
 @torch.no_grad()
 def _pictures(seen: Any) -> list[Splats]:
-    """One picture of Gaussians; of a skin and the trajectory that it follows, one a frame, as large."""
+    """One picture of Gaussians; of a skin and the trajectory that it follows, one a frame, as large and as low: clips
+    are simulated above the origin, Gaussians are fitted about it."""
     if isinstance(seen, Gaussians):
         return [still(seen.to("cpu"))]
     skin, trajectory = seen
@@ -149,7 +158,8 @@ def _pictures(seen: Any) -> list[Splats]:
     rest = figure.skin.gaussians.means
     grow = SIZE / float((rest.amax(0) - rest.amin(0)).max())
     frames = (figure(x.cpu().detach(), F.cpu().detach()) for x, F in zip(trajectory.x, trajectory.F, strict=True))
-    return [s._replace(centers=grow * s.centers, covariances=grow**2 * s.covariances) for s in frames]
+    down = np.array([0.0, 0.0, SIZE / 2], dtype=np.float32)
+    return [s._replace(centers=grow * s.centers - down, covariances=grow**2 * s.covariances) for s in frames]
 
 
 def _on_cpu(skin: Skin) -> Skin:

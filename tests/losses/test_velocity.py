@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from diffuphy.losses.velocity import Velocity, contact_impulse, velocity_loss
+from diffuphy.losses.velocity import Velocity, centroid, contact_impulse, image_velocity_loss, velocity_loss
 
 G = (0.0, 0.0, -9.8)
 DT = 1 / 30
@@ -168,3 +168,42 @@ def test_velocity_names_what_is_wrong():
         Velocity("newton")
     with pytest.raises(ValueError, match="≥ 0"):
         Velocity(weight=-1.0)
+
+
+def picture(at, size=24, width=2.0):
+    """A grey spot of Gaussian profile on white, centred at a column and row."""
+    q = torch.arange(size, dtype=torch.float64) + 0.5
+    spot = torch.exp(-((q[:, None] - at[1]) ** 2 + (q - at[0]) ** 2) / (2 * width**2))
+    return 1 - 0.7 * spot[..., None].expand(-1, -1, 3)
+
+
+def test_the_centroid_of_a_spot_is_its_centre():
+    """Sums over the pixels of a Gaussian of 2 px are integrals to exp(−2π²σ²) ~ 1e-34 and tails e^(−25)."""
+    white = torch.ones(3, dtype=torch.float64)
+    for at in ((12.0, 12.0), (11.3, 13.1)):
+        found = centroid(picture(at), white)
+        torch.testing.assert_close(found, torch.tensor(at, dtype=torch.float64), rtol=0, atol=1e-8)
+    with pytest.raises(ValueError, match="all background"):
+        centroid(torch.ones(8, 8, 3), torch.ones(3))
+
+
+def test_image_velocity_is_that_of_the_centroid_in_metres():
+    """One falls at 3 px a frame, the other rests: pixel · 3 px / Δt = 0.9 m/s; the same velocity elsewhere is none."""
+    t = torch.arange(4, dtype=torch.float64)[:, None]
+    falls = t * torch.tensor([0.0, 3.0], dtype=torch.float64)
+    loss = image_velocity_loss(falls, torch.zeros_like(falls), pixel=0.01, dt=1 / 30)
+    torch.testing.assert_close(loss.item(), 0.81, rtol=1e-12, atol=0)
+    assert image_velocity_loss(falls, falls + 5.0, pixel=0.01, dt=1 / 30) < 1e-24
+    with pytest.raises(ValueError, match="T ≥ 2"):
+        image_velocity_loss(falls, falls[:2], pixel=0.01, dt=1 / 30)
+
+
+def test_image_velocity_has_its_exact_gradient():
+    """From pixels to the loss, by central differences in float64."""
+    white, target = torch.ones(3, dtype=torch.float64), normal(3, 2)
+    clip = torch.stack([picture((4.0 + k, 5.0), 9) for k in range(3)]).requires_grad_()
+
+    def loss(clip):
+        return image_velocity_loss(torch.stack([centroid(p, white) for p in clip]), target, pixel=0.01, dt=0.1)
+
+    assert torch.autograd.gradcheck(loss, (clip,))

@@ -9,48 +9,38 @@ from diffuphy.material.encoder import Block, Encoder, PatchEmbedding, features
 def gaussians(n=7, seed=0):
     g = torch.Generator().manual_seed(seed)
     a = torch.randn(n, 3, 3, generator=g, dtype=torch.float64)
-    cov = a @ a.mT + 0.1 * torch.eye(3, dtype=torch.float64)
     x, colors, opacities = (torch.rand(n, *s, generator=g, dtype=torch.float64) for s in ((3,), (3,), ()))
-    return x, colors, opacities, cov
+    return x, colors, opacities, a + a.mT
 
 
-def test_features_of_the_covariance_are_its_logarithm():
-    """Upper triangle of ln Σ with √2 off the diagonal: the exponential gives Σ back, the norm is that of ln Σ."""
-    x, colors, opacities, cov = gaussians()
-    points = features(x, colors, opacities, cov)
-    log_cov = torch.zeros(7, 3, 3, dtype=torch.float64)
-    row, col = torch.triu_indices(3, 3)
-    log_cov[:, row, col] = points.f[:, :6] / torch.where(row == col, 1, 2).double().sqrt()
-    log_cov = log_cov + log_cov.triu(1).mT
-    # eigh and matrix_exp in float64, condition of Σ up to ~100
-    torch.testing.assert_close(torch.linalg.matrix_exp(log_cov), cov, rtol=1e-11, atol=1e-12)
+def test_features_of_the_covariance_keep_its_logarithm_and_norm():
+    """Upper triangle of ln Σ with √2 off the diagonal; the same points from another frame, and back."""
+    x, colors, opacities, log_cov = gaussians()
+    points = features(x, colors, opacities, log_cov, opacities / 2)
     torch.testing.assert_close(points.f[:, :6].norm(dim=1), log_cov.flatten(1).norm(dim=1), rtol=1e-13, atol=0)
-    assert torch.equal(points.f[:, 6], opacities) and torch.equal(points.f[:, 7:], colors)
+    assert torch.equal(points.f[:, 6], opacities) and torch.equal(points.color, colors)
+    assert torch.equal(points.f[:, 10], opacities / 2)
+    axes, origin = torch.linalg.qr(log_cov[0])[0], x[3]
+    seen = points.seen_from(origin, axes)
+    torch.testing.assert_close(seen.x, (x - origin) @ axes, rtol=0, atol=0)
+    back = seen.seen_from(-axes.T @ origin, axes.T)
+    torch.testing.assert_close(back.x, x, rtol=0, atol=1e-14)
+    torch.testing.assert_close(back.f, points.f, rtol=0, atol=1e-13)
+    want = features(x, colors, opacities, axes.T @ log_cov @ axes, opacities / 2)
+    torch.testing.assert_close(seen.f, want.f, rtol=0, atol=1e-13)
 
 
-def test_features_shift_only_the_diagonal_when_the_unit_changes():
-    """ln(s² Σ) = ln Σ + 2 ln s · I."""
-    x, colors, opacities, cov = gaussians()
-    shift = features(x, colors, opacities, 100.0 * cov).f - features(x, colors, opacities, cov).f
-    want = torch.zeros(10, dtype=torch.float64)
-    want[[0, 3, 5]] = torch.tensor(100.0, dtype=torch.float64).log()
-    torch.testing.assert_close(shift, want.expand_as(shift), rtol=0, atol=1e-12)
-
-
-def test_features_of_a_disc_are_finite():
-    """One zero extent is a disc, whose thickness stops at √1e-6 of its size; no extent at all is refused."""
-    x, colors, opacities, _ = gaussians(1)
-    disc = torch.diag(torch.tensor([1.0, 1.0, 0.0], dtype=torch.float64))[None]
-    f = features(x, colors, opacities, disc).f
-    torch.testing.assert_close(f[0, 5], torch.tensor(1e-6 * 2.0, dtype=torch.float64).log())
-    with pytest.raises(ValueError, match="covariance 0 has trace"):
-        features(x, colors, opacities, 0 * disc)
+def test_features_refuse_a_covariance_without_extent():
+    x, colors, opacities, log_cov = gaussians(2)
+    log_cov[1, 0, 0] = float("-inf")
+    with pytest.raises(ValueError, match="covariance 1 is not finite"):
+        features(x, colors, opacities, log_cov)
 
 
 def test_features_name_the_wrong_shape():
-    x, colors, opacities, cov = gaussians()
+    x, colors, opacities, log_cov = gaussians()
     with pytest.raises(ValueError, match=r"opacities \(7, 1\), not \(7,\)"):
-        features(x, colors, opacities[:, None], cov)
+        features(x, colors, opacities[:, None], log_cov, opacities)
 
 
 def test_patch_embedding_does_not_depend_on_the_order_within_a_patch():

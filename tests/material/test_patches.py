@@ -5,7 +5,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffuphy.material.patches import color_clusters, farthest_points, interpolation, nearest
+from diffuphy.material.patches import color_clusters, farthest_points, interpolation, kin, nearest
 
 
 def cloud(n, seed=0, d=3):
@@ -137,3 +137,13 @@ def test_patches_on_cuda_are_those_of_the_cpu():
     assert torch.equal(farthest_points(x.cuda(), 16).cpu(), centres)
     for a, b in zip(interpolation(x.cuda(), x[centres].cuda()), interpolation(x, x[centres]), strict=True):
         torch.testing.assert_close(a.cpu(), b, rtol=1e-12, atol=1e-14)
+
+
+def test_kin_is_the_nearest_of_one_colour_and_never_far():
+    """On a border red belongs to red though blue is nearer; a colour that nobody near has changes nothing."""
+    draft = torch.tensor([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0], [3.0, 0, 0]])
+    red, blue = [1.0, 0, 0], [0.0, 0, 1.0]
+    colors = torch.tensor([red, red, blue, blue])
+    x = torch.tensor([[1.6, 0, 0], [1.6, 0, 0], [0.4, 0, 0], [9.0, 0, 0]])
+    mine = torch.tensor([red, blue, red, [0.0, 1.0, 0]])
+    assert kin(x, mine, draft, colors, k=2).tolist() == [1, 2, 0, 3]

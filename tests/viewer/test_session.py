@@ -9,7 +9,7 @@ from diffuphy.geometry import covariances
 from diffuphy.render.ply import read
 from diffuphy.viewer.change import Change
 from diffuphy.viewer.session import Session
-from diffuphy.viewer.shot import VIEWS, Splats
+from diffuphy.viewer.shot import VIEWS, still
 from tests.viewer.runs import FRAMES, run
 
 
@@ -129,15 +129,16 @@ def test_exports_go_into_a_folder_of_the_run_and_replace_nothing(session, tmp_pa
     torch.testing.assert_close(back.means, torch.from_numpy(session.splats().centers), rtol=0, atol=1e-5)
 
 
-def test_gaussians_of_a_picture_have_its_covariances():
-    """R S² Rᵀ = Σ for axes and scales from the eigenvectors of Σ."""
-    A = torch.randn(20, 3, 3, generator=torch.Generator().manual_seed(0))
-    sigma = A @ A.mT + 0.1 * torch.eye(3)
-    n = len(A)
-    s = Splats(*(t.numpy() for t in (torch.randn(n, 3), sigma, torch.rand(n, 3), torch.full((n, 1), 0.5))))
-    g = s.gaussians()
-    torch.testing.assert_close(covariances(g.quats, g.log_scales.exp()), sigma, rtol=1e-4, atol=1e-4)
-    assert len(g) == n
+def test_gaussians_of_a_frame_are_those_that_are_drawn(session):
+    """R S² Rᵀ = Σ of the picture, for a sheared body painted by its speed."""
+    figure, n = session.film.figure, len(session.run.particles)
+    F = torch.tensor([[1.2, 0.5, 0.0], [0.0, 0.9, -0.3], [0.1, 0.0, 1.1]]).expand(n, 3, 3)
+    seen = (session.run.particles.x, F, torch.rand(n, 3, generator=torch.Generator().manual_seed(0)))
+    g, drawn = figure.gaussians(*seen), figure(*seen)
+    sigma = covariances(g.quats, g.log_scales.exp())
+    # float32 of what was squared
+    torch.testing.assert_close(sigma, torch.from_numpy(drawn.covariances), rtol=1e-4, atol=1e-8)
+    torch.testing.assert_close(torch.from_numpy(still(g).rgbs), torch.from_numpy(drawn.rgbs), rtol=0, atol=1e-6)
 
 
 def test_simulations_end_when_a_session_is_closed(session):

@@ -1,0 +1,152 @@
+"""Two materials in one object: an elastic bun round a plastic patty, nothing told but that there are two.
+
+    python -m benchmarks two_regions                               # every way, three seeds
+    python -m benchmarks two_regions --ways softmax uniform --seeds 0
+
+The reference is the same drop with another draw of particles. Every region may follow any of four plastic laws, from
+uniform weights: either all combinations are scanned first, or the training starts from the uniform mixture itself. The
+ways differ in that, and in the gate: ``softmax`` never reaches zero, ``sparsemax`` does, ``start`` keeps what the scan
+chose. Writes docs/benchmarks/two_regions.*.
+"""
+
+import argparse
+import json
+import time
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from benchmarks.speed.body import describe
+from diffuphy.fit_material import FitMaterial
+from diffuphy.losses.guidance.analytic import Analytic
+from diffuphy.material.net import Net
+from diffuphy.material.presets import lookup
+from diffuphy.probe import Probe, table_field
+from diffuphy.render.sh import from_rgb
+from diffuphy.types import Gaussians, Look, Motion, Particles
+from diffuphy.workspace import Workspace
+
+OUT = Path(__file__).parents[1] / "docs" / "benchmarks"
+PLASTIC = ("identity", "von_mises", "drucker_prager", "fluid")
+BUN, PATTY = "gelatin", "playdoh"
+HALF = 0.6
+"""Half the height of the sandwich over its radius."""
+WAYS: dict[str, dict[str, Any]] = {
+    "softmax": {},
+    "sparsemax": {"gate": "sparsemax", "bias": 0.99},
+    "start": {"gate": "start"},
+    "uniform, softmax": {"stiffness_steps": 0, "start": 5.2},
+}
+"""Settings of the material stage by the name of the way."""
+
+
+class Sandwich:
+    """A round sandwich of three layers, coloured throughout, so that what is inside can be told by its colour."""
+
+    parts = (SimpleNamespace(name="bun"), SimpleNamespace(name="patty"))
+    colors = torch.tensor([[0.93, 0.72, 0.42], [0.25, 0.12, 0.06]])
+
+    def object(self, look: Look) -> "Sandwich":
+        return self
+
+    def part_of(self, points: Tensor) -> Tensor:
+        """The patty is the middle third of the height."""
+        return (points[:, 2].abs() < HALF / 3).long()
+
+    def bodies(self, seed: int, size: float = 0.5, n: int = 13) -> tuple[Gaussians, Particles]:
+        """A Gaussian on each particle of a lattice whose place in the body is drawn."""
+        generator = torch.Generator().manual_seed(seed)
+        a = (torch.arange(-n, n + 1) / n)[:, None] + (torch.rand(3, generator=generator) - 0.5) / n
+        x = torch.cartesian_prod(*a.T)
+        x = x[(x[:, :2].norm(dim=1) < 1) & (x[:, 2].abs() < HALF)]
+        G, h = len(x), size / (2 * n)
+        colors = self.colors[self.part_of(x)] + 0.03 * torch.randn(G, 1, generator=generator)
+        gaussians = Gaussians(
+            x, torch.tensor([1.0, 0, 0, 0]).repeat(G, 1), torch.full((G, 3), 0.6 / n).log(), torch.full((G,), 4.0),
+            from_rgb(colors.clamp(0, 1)),
+        )  # fmt: skip
+        return gaussians, Particles(x * size / 2, torch.full((G,), h**3), torch.arange(G), size / 2, (0.0, 0.0, 0.0), h)
+
+
+def fit(way: str, seed: int, *, particles: int, image: int, steps: int) -> dict[str, Any]:
+    """One fit: how much of each part follows the right law, errors of log10 E, losses, seconds."""
+    settings = dict(WAYS[way])
+    sandwich = Sandwich()
+    look, motion = Look("sandwich", "a sandwich"), Motion("falling", "it falls", {"": BUN, "patty": PATTY})
+    gaussians, body = sandwich.bodies(seed)
+    net = Net(seed=seed, gate=settings.pop("gate", "softmax"), bias=settings.pop("bias", 8.0))
+    stage = FitMaterial(
+        guidance=Analytic(layout="clip", s=0.0), library=sandwich, segment="colour", net=net, steps=steps, seed=seed,
+        elastic=("neo_hookean", "hencky"), plastic=PLASTIC,
+        probe=Probe(particles=particles, image=image, seed=2 * seed), **settings,
+    )  # fmt: skip
+    begin, cpu = time.perf_counter(), time.process_time()
+    work = Workspace(progress=False)
+    found = stage(look, motion, gaussians, body, work=work)
+    row: dict[str, Any] = {"way": way, "seed": seed, "seconds": time.perf_counter() - begin}
+    row["cpu_seconds"] = time.process_time() - cpu
+    truth = table_field(sandwich, look, motion, body)
+    patty = truth.w_p[:, truth.plastic.index("von_mises")] > 0
+    for name, where in (("bun", ~patty), ("patty", patty)):
+        law = lookup(PATTY if name == "patty" else BUN).plastic
+        right = found.w_p[:, found.plastic.index(law)] if law in found.plastic else torch.zeros(len(found))
+        log_E = (found.theta["E"].log10() - truth.theta["E"].log10())[where]
+        row[name] = {"right": float(right[where].mean()), "error": float(log_E.mean()), "spread": float(log_E.std())}
+    return row
+
+
+def page(result: dict[str, Any]) -> str:
+    """A row for each way: mean over seeds, and how many were right."""
+    text = "# Two materials in one object\n\n"
+    text += f"An elastic bun ({BUN}) round a plastic patty ({PATTY}), four plastic laws possible for each. "
+    text += f"{result['machine']}; {result['particles']} particles, {result['image']} px, at most {result['steps']} "
+    text += "steps. *Right* counts seeds with the right law on at least 90 % of both parts; the rest are means over "
+    text += (
+        "the seeds.\n\n| way | right | bun: right law | patty: right law | bun: error of log₁₀ E | patty | CPU s |\n"
+    )
+    text += "|---|--:|--:|--:|--:|--:|--:|\n"
+    for way in WAYS:
+        rows = [r for r in result["rows"] if r["way"] == way]
+        if not rows:
+            continue
+        right = sum(min(r["bun"]["right"], r["patty"]["right"]) >= 0.9 for r in rows)
+
+        def mean(part: str, key: str, rows: list = rows) -> float:
+            return sum(r[part][key] for r in rows) / len(rows)
+
+        errors = (
+            ", ".join(f"{r['bun']['error']:+.2f}" for r in rows),
+            ", ".join(f"{r['patty']['error']:+.2f}" for r in rows),
+        )
+        text += f"| {way} | {right} of {len(rows)} | {mean('bun', 'right'):.0%} | {mean('patty', 'right'):.0%} "
+        text += f"| {errors[0]} | {errors[1]} | {sum(r['cpu_seconds'] for r in rows) / len(rows):.0f} |\n"
+    return text
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--ways", nargs="+", default=list(WAYS), choices=list(WAYS), metavar="WAY")
+    parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2])
+    parser.add_argument("--particles", type=int, default=500)
+    parser.add_argument("--image", type=int, default=48)
+    parser.add_argument("--steps", type=int, default=40)
+    parser.add_argument("--out", type=Path, default=OUT)
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    size = {"particles": options.particles, "image": options.image, "steps": options.steps}
+    rows = []
+    options.out.mkdir(parents=True, exist_ok=True)
+    for seed in options.seeds:
+        for way in options.ways:
+            rows.append(fit(way, seed, **size))
+            print(json.dumps(rows[-1]), flush=True)
+            result = {"machine": describe("cpu"), **size, "rows": rows}
+            (options.out / "two_regions.json").write_text(json.dumps(result, indent=1))
+            (options.out / "two_regions.md").write_text(page(result))
+
+
+if __name__ == "__main__":
+    main()
