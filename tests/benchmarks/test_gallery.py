@@ -13,11 +13,15 @@ ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
+def colours(image):
+    """How many pixels each colour has."""
+    return {rgb: count for count, rgb in image.getcolors(image.width * image.height)}
+
+
 @pytest.mark.parametrize("film", FILMS, ids=lambda f: f.name)
 def test_the_readme_shows_each_film_with_its_command(film):
     picture = f"docs/images/gallery/{film.name}.png"
-    cell = next(part for part in README.split(" | ") if picture in part)
-    assert f"`{film.command}`" in cell
+    assert any(picture in cell and f"`{film.command}`" in cell for cell in README.replace("| ", "\n").splitlines())
     with Image.open(ROOT / picture) as image:
         assert image.height == SIDE and image.width == 3 * SIDE + 4
 
@@ -40,7 +44,6 @@ def test_a_sheet_holds_every_strip_whole():
     wide = Image.new("RGB", (300, 200), "red")
     wide.paste("blue", (50, 0, 250, 200))
     strip = beside([square(wide)] * 3)
-    assert strip.size == (3 * SIDE + 4, SIDE) and set(strip.getdata()) == {(0, 0, 255), (255, 255, 255)}
+    assert strip.size == (3 * SIDE + 4, SIDE) and colours(strip).keys() == {(0, 0, 255), (255, 255, 255)}
     page = sheet([("one", strip)] * 3)
-    blue = sum(p == (0, 0, 255) for p in page.getdata())
-    assert blue == 3 * 3 * SIDE**2
+    assert colours(page)[0, 0, 255] == 3 * 3 * SIDE**2
