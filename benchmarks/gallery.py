@@ -92,7 +92,7 @@ FILMS: tuple[Film | Example, ...] = (
     Film("cake", "a jelly cake is poked: stress", "a jelly cake poked", ("film.view=stress",), (0.1, 0.5, 0.9)),
     Film("mixed", "a burger of two materials: its laws", "a jelly burger with a clay patty falling",
          ("film.view=material",), (0.0, 0.4, 1.5)),
-    Film("snowman", "a snowman of snow falls", "a snow snowman falling", moments=(0.2, 0.5, 1.5)),
+    Film("snowman", "a snowman of snow falls", "a snow snowman falling", moments=(0.2, 0.33, 1.5)),
     Film("duck", "a thing of one's own scene is squashed, the rest stands around", "a 30 cm clay duck squashed",
          ("gaussians=ply", f"gaussians.path={SCENE}", DUCK, "+film.floor=false"), (0.0, 0.7, 1.5),
          ("own_scene", "write_duck", SCENE)),

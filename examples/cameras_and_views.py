@@ -4,6 +4,7 @@
     python examples/cameras_and_views.py experiment=tiny
 
 Half as fast as physics. Writes outputs/examples/runs/a-jelly-cube-bouncing-…/: film.mp4 and a film of each view.
+18 seconds of one core, with experiment=tiny.
 """
 
 import sys

@@ -5,7 +5,7 @@
 
 The same of a finished run: ``python -m diffuphy.export outputs/runs/NAME gif glb html --every 2``, and at once with
 the film: ``python train.py prompt=... outputs=[mp4,glb]``. Meshes want trimesh, the page viser
-(pip install 'diffuphy[mesh,viewer]'). Writes outputs/examples/export/.
+(pip install 'diffuphy[mesh,viewer]'). Writes outputs/examples/export/. 15 seconds of one core, with experiment=tiny.
 """
 
 import sys

@@ -6,7 +6,7 @@ Its material is stated; ``material=video_sds`` finds it, as in other films.
     python examples/mesh.py experiment=tiny                          # without one, a trefoil knot is written
 
 Wants trimesh (pip install 'diffuphy[mesh]'). Writes outputs/examples/knot.glb and the run's folder,
-outputs/examples/runs/a-rubber-knot-bouncing-…/.
+outputs/examples/runs/a-rubber-knot-bouncing-…/. 10 seconds of one core, with experiment=tiny.
 """
 
 import sys

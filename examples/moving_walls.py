@@ -4,6 +4,7 @@
     python examples/moving_walls.py --particles 500 --frames 12
 
 Writes moving_walls.mp4 and .png into --out and prints how thick the dough is where the pin has been.
+38 seconds of one core.
 """
 
 import argparse

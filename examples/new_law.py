@@ -8,6 +8,8 @@ with every other law, the time step.
 
     python examples/new_law.py
     python examples/new_law.py 300                         # particles
+
+4 seconds of one core.
 """
 
 import dataclasses

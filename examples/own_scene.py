@@ -4,7 +4,7 @@
     python examples/own_scene.py experiment=tiny                     # without one, a duck between mushrooms is written
 
 ``gaussians.region`` is the box of what moves, in lengths of the file. Writes outputs/examples/duck.ply and
-outputs/examples/runs/a-30-cm-clay-duck-squashed-…/.
+outputs/examples/runs/a-30-cm-clay-duck-squashed-…/. 18 seconds of one core, with experiment=tiny.
 """
 
 import math

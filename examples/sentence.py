@@ -4,7 +4,7 @@
     python examples/sentence.py experiment=tiny seed=3
 
 Arguments are settings, as those of train.py. Writes outputs/examples/runs/a-rubber-burger-falling-…/: film.mp4,
-contact_sheet.png, report.html and the rest.
+contact_sheet.png, report.html and the rest. 21 seconds of one core, with experiment=tiny.
 """
 
 import sys

@@ -4,7 +4,7 @@ stage from the words, and shown: films of the laws, of stiffness and of stress.
     python examples/two_materials.py
     python examples/two_materials.py experiment=tiny
 
-Writes outputs/examples/runs/a-jelly-burger-with-a-clay-patty-falling-…/.
+Writes outputs/examples/runs/a-jelly-burger-with-a-clay-patty-falling-…/. 29 seconds of one core, with experiment=tiny.
 """
 
 import sys

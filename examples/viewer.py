@@ -5,7 +5,7 @@
 
 ``--serve`` is ``python -m diffuphy.viewer outputs/examples/runs/NAME`` and wants viser
 (pip install 'diffuphy[viewer]'); it listens on this machine alone. Writes
-outputs/examples/runs/a-jelly-burger-falling-…/viewer/film_001.mp4.
+outputs/examples/runs/a-jelly-burger-falling-…/viewer/film_001.mp4. 17 seconds of one core, with experiment=tiny.
 """
 
 import sys
