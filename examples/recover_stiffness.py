@@ -1,15 +1,15 @@
 """A gradient through a whole simulation: how stiff is a ball that was seen to bounce?
 
     python examples/recover_stiffness.py
-    python examples/recover_stiffness.py 300 6             # particles, steps
+    python examples/recover_stiffness.py --particles 300 --steps 6
 
 Newton's method on log E with the derivative of the trajectory from the adjoint: no finite differences, no network.
 10 seconds of one core.
 """
 
+import argparse
 import dataclasses
 import math
-import sys
 
 import torch
 
@@ -54,4 +54,7 @@ def main(particles: int = 1000, steps: int = 8) -> tuple[float, list[float]]:
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--particles", type=int, default=1000)
+    parser.add_argument("--steps", type=int, default=8)
+    main(**vars(parser.parse_args()))

@@ -9,7 +9,7 @@ The films of the same runs, and a table of their scores, from the command line:
     python -m diffuphy.scorecard outputs/runs/a-*-ball-bouncing-*
 
 A film that fails does not stop the others; docs/cli.md says how they run side by side or on a cluster. Writes
-outputs/examples/runs/.
+outputs/examples/runs/. 38 seconds of one core, with experiment=tiny.
 """
 
 import sys
