@@ -15,7 +15,7 @@ import torch
 
 import diffuphy
 from diffuphy.making import Made
-from diffuphy.render import ply
+from diffuphy.render.scenes import ply
 from diffuphy.render.sh import from_rgb
 from diffuphy.text2gs.shapes import Library
 from diffuphy.types import Gaussians, Look

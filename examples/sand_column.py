@@ -19,7 +19,7 @@ from diffuphy.material.presets import field, lookup
 from diffuphy.mpm import HalfSpace, Scene, rollout
 from diffuphy.render import Film, contact_sheet, write_mp4, write_png
 from diffuphy.render.cloud import cloud
-from diffuphy.render.rigs import Resting
+from diffuphy.render.film.rigs import Resting
 from diffuphy.types import Trajectory
 from diffuphy.workspace import Workspace
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from diffuphy.render import ply
+from diffuphy.render.scenes import ply
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 

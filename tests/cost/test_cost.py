@@ -16,7 +16,7 @@ from diffuphy.cost.rollouts import Laws
 from diffuphy.cost.stages import STAGES
 from diffuphy.cost.substeps import rounds
 from diffuphy.errors import Estimate
-from diffuphy.fit_material import FitMaterial
+from diffuphy.learning.fit_material import FitMaterial
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.material import ELASTIC, PLASTIC, make_mixture
 from diffuphy.material.branch import BRANCHES
