@@ -57,6 +57,10 @@ class LabelledMaterial:
         """Material words, label by label."""
         return tuple((self.source.materials or {}).values())
 
+    def experts(self, motion: Motion) -> tuple[tuple[str, ...], tuple[str, ...], str]:
+        """Elastic and plastic laws of the result, and why."""
+        return self.elastic, self.plastic, f"what the labels are made of: {', '.join(self.words)}"
+
     def __call__(
         self, look: Look, motion: Motion, gaussians: Gaussians, particles: Particles, *, work: Any
     ) -> MaterialField:
