@@ -34,6 +34,7 @@ QUICK = {
         "--out",
         "{out}",
     ),
+    "gallery": ("knot", "--settings", "experiment=tiny", "--store", "{out}/store", "--out", "{out}"),
     "gaussians": ("--objects", "burger", "--steps", "20", "--out", "{out}"),
     "gradients": ("--quick", "--out", "{out}"),
     "identify": ("--quick", "--out", "{out}"),
