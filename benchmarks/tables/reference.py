@@ -15,11 +15,11 @@ import torch
 from torch import Tensor
 
 from diffuphy.errors import split
+from diffuphy.learning.probe import table_field
 from diffuphy.material.field import take
 from diffuphy.mpm import simulate
 from diffuphy.mpm.state import placed
 from diffuphy.mpm.trajectory import Simulate
-from diffuphy.probe import table_field
 from diffuphy.types import Look, Motion, Particles, Trajectory
 from diffuphy.workspace import Workspace
 

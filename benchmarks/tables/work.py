@@ -20,10 +20,10 @@ from diffuphy import pipeline
 from diffuphy.artifact import SCRATCH, Done, Stage, Store
 from diffuphy.deliverables import export
 from diffuphy.evaluate import world
+from diffuphy.learning.probe import table_field
 from diffuphy.making import conf_dir, make, slug
 from diffuphy.metrics.book import Book
 from diffuphy.metrics.score import Scores
-from diffuphy.probe import table_field
 from diffuphy.quoting import protect
 from diffuphy.types import MaterialField, Particles, Prompt, SimulationDiverged, Trajectory
 

@@ -3,8 +3,8 @@
 import dataclasses
 from dataclasses import dataclass
 
-from diffuphy.case import Case
-from diffuphy.fit_material import FitMaterial
+from diffuphy.learning.case import Case
+from diffuphy.learning.fit_material import FitMaterial
 from diffuphy.rivals.rival import of_one_law
 from diffuphy.types import Gaussians, Look, Motion, Particles
 

@@ -4,8 +4,8 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Literal
 
-from diffuphy.case import Case
-from diffuphy.descent import Model
+from diffuphy.learning.case import Case
+from diffuphy.learning.descent import Model
 from diffuphy.material.decoder import inside
 from diffuphy.material.moduli import E
 from diffuphy.rivals.particles import ParticleField, Rule

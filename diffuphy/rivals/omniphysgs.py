@@ -7,8 +7,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from diffuphy.case import Case, parameters
-from diffuphy.descent import Model
+from diffuphy.learning.case import Case, parameters
+from diffuphy.learning.descent import Model
 from diffuphy.material.encoder import Points
 from diffuphy.material.field import harden, take
 from diffuphy.material.net import MaterialNet, Untrained

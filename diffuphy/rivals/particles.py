@@ -7,7 +7,7 @@ from typing import Any, Literal
 import torch
 from torch import Tensor
 
-from diffuphy.descent import Model
+from diffuphy.learning.descent import Model
 from diffuphy.material import Param
 from diffuphy.material.decoder import coordinate
 from diffuphy.material.encoder import Points

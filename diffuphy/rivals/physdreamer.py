@@ -7,8 +7,8 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from diffuphy.case import Case, Conditions
-from diffuphy.descent import Descent, Model
+from diffuphy.learning.case import Case, Conditions
+from diffuphy.learning.descent import Descent, Model
 from diffuphy.losses.estimators import ddim
 from diffuphy.losses.takes import Take
 from diffuphy.losses.video import clip_latents

@@ -3,8 +3,8 @@
 import dataclasses
 from dataclasses import dataclass
 
-from diffuphy.case import Case
-from diffuphy.descent import Model
+from diffuphy.learning.case import Case
+from diffuphy.learning.descent import Model
 from diffuphy.material.branch import E_N, RELAXATION_TIME
 from diffuphy.material.decoder import inside
 from diffuphy.material.moduli import NU, E

@@ -8,15 +8,15 @@ from typing import Any, ClassVar, Literal
 import torch
 from torch import Tensor
 
-from diffuphy.case import Case
-from diffuphy.descent import Descent, Model, descend
+from diffuphy.learning.case import Case
+from diffuphy.learning.descent import Descent, Model, descend
+from diffuphy.learning.probe import Probe, table_field
+from diffuphy.learning.verdict import film_field, verdict
 from diffuphy.losses.sds import Weight
 from diffuphy.material.field import harden, take
 from diffuphy.material.preset import Preset
 from diffuphy.material.presets import lookup, melt
-from diffuphy.probe import Probe, table_field
 from diffuphy.types import Gaussians, Look, MaterialField, Motion, Particles
-from diffuphy.verdict import film_field, verdict
 from diffuphy.workspace import Workspace
 
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import torch
 
+from diffuphy.learning.probe import Bench
 from diffuphy.mpm import Scene, simulate
 from diffuphy.mpm.solver import State
-from diffuphy.probe import Bench
 from diffuphy.types import MaterialField, Trajectory
 
 SHARE = 0.9

@@ -6,14 +6,14 @@ import math
 import pytest
 import torch
 
-from diffuphy.case import Case
+from diffuphy.learning.case import Case
+from diffuphy.learning.probe import Probe, table_field
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.losses.takes import Take
 from diffuphy.material.field import harden
 from diffuphy.material.net import Net, Untrained
 from diffuphy.material.presets import lookup
 from diffuphy.mpm import simulate
-from diffuphy.probe import Probe, table_field
 from diffuphy.render.sh import from_rgb
 from diffuphy.rivals.ablations import OneLaw
 from diffuphy.rivals.dreamphysics import DreamPhysics
