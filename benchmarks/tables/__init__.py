@@ -65,8 +65,8 @@ def text(name: str, rows: Sequence[gather.Row], said: str) -> str:
 
 SAYS = {
     "quantitative": "Physical error: root mean square distance to the prior's own material on a grid twice as fine, "
-    "mean over frames, % of the object's size; mean ± standard deviation over at most {seeds} seeds. *given* is told that "
-    "material and shows what is left to the simulation.",
+    "mean over frames, % of the object's size; mean ± standard deviation over at most {seeds} seeds. *given* is told "
+    "that material and shows what is left to the simulation.",
     "efficiency": "The material stage; a step is one step of the optimiser (the paper's epoch): one drop simulated, "
     "filmed, compared, and its gradient. Mean over prompts ± standard deviation over at most {seeds} seeds.",
     "ablation": "Physical error as in [the comparison of methods](quantitative.md), %; mean ± standard deviation over "
