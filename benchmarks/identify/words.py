@@ -26,15 +26,16 @@ holds, apart from how it is found. Counts are those of the runs so far: the comm
 
 Where it fails, and why:
 
-- *The friction angle against a finer reference*: too low, by 3° in the middle of the range and by 9° at 42°, where the
-  same resolution finds it to a degree. The wall is not the cause, and more particles mend it
-  [slowly](#what-discretisation-does): it is the error of a coarse flow of grains.
+- *The friction angle against a finer reference*: 6° to 9° too low, where the same resolution finds it to a degree. The
+  wall is not the cause, and more particles mend it [slowly](#what-discretisation-does): it is the error of a coarse
+  flow of grains.
 - *ν beside E*: a drop shows ν five times less than E ([below](#what-can-be-told-at-all)), so that what the
   discretisation does to the clip goes into ν; E stays right. State ν, or learn E alone.
 - *E of what yields*: the clip shows the yield stress seven times as well as E, and the error of the discretisation goes
   into E.
-- *Two halves*: a second minimum, with a stiffer upper half at the end of its range, can fit as well as another draw of
-  particles lets anything fit.
+- *Two halves*: a stiff half on a soft one hardly deforms, and against a finer reference the fit gives a third of the
+  contrast; with the same resolution a second minimum, far away, can fit as well as another draw of particles lets
+  anything fit.
 - *Training alone from too soft a start*: E hardly moves for many steps, and the training ends by its patience or runs
   out of steps. From too stiff a start it came down in every run so far. The scan is there for this.
 """
@@ -43,7 +44,7 @@ STIFFNESS = """
 ## Stiffness, by the material stage
 
 log₁₀ E of a truth between 3.9 and 5.9 (between 3.9 and 6.0 for training alone), ν and ρ known. *Whole stage*:
-`FitMaterial` with its defaults, scan and training, and a probe with `contact: elastic`; *training alone*: the scan
+`FitMaterial` with 20 steps, scan and training, and a probe with `contact: elastic`; *training alone*: the scan
 left out, from a start that is too stiff or too soft by a given distance. The gradient is that of the product:
 pixels → Gaussians → trajectory → adjoint of the simulation → network. *Steps to 0.1 dex*: after which the path
 stays within it, median of the runs that end there.
