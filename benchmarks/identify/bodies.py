@@ -7,8 +7,8 @@ from typing import Literal
 import torch
 from torch import Tensor
 
+from diffuphy.learning.probe import Bench, Probe
 from diffuphy.losses.takes import Take
-from diffuphy.probe import Bench, Probe
 from diffuphy.render import Skin
 from diffuphy.render.sh import from_rgb
 from diffuphy.types import Camera, Gaussians, Particles

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from diffuphy.identifiability import STEP
+from diffuphy.learning.identifiability import STEP
 from diffuphy.types import SimulationDiverged
 
 

@@ -12,8 +12,8 @@ from benchmarks.identify.recover import fitting, made_by
 from benchmarks.identify.rows import Rows, Stopwatch
 from benchmarks.identify.specimens import SPECIMENS, Specimen
 from benchmarks.identify.watch import PROBE, Watch
-from diffuphy.case import parameters
-from diffuphy.identifiability import RHO, fisher, sensitivity, steady_film
+from diffuphy.learning.case import parameters
+from diffuphy.learning.identifiability import RHO, fisher, sensitivity, steady_film
 from diffuphy.material import ELASTIC, Param
 from diffuphy.types import MaterialField
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from diffuphy.case import parameters
-from diffuphy.identifiability import coordinate_of, value_at
+from diffuphy.learning.case import parameters
+from diffuphy.learning.identifiability import coordinate_of, value_at
 from diffuphy.material import Param
 from diffuphy.material.field import Hypothesis, warm_start
 from diffuphy.types import MaterialField

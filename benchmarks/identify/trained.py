@@ -11,11 +11,11 @@ from benchmarks.identify.bodies import SIZE, Reference, halves, skin_of_ball
 from benchmarks.identify.recover import fitting, made_by, truth_of
 from benchmarks.identify.rows import Rows, Stopwatch
 from benchmarks.identify.specimens import SPECIMENS, Specimen
-from diffuphy.appearance import appearance
-from diffuphy.case import Case, Conditions, with_columns
-from diffuphy.fit_material import FitMaterial
+from diffuphy.learning.appearance import appearance
+from diffuphy.learning.case import Case, Conditions, with_columns
+from diffuphy.learning.fit_material import FitMaterial
+from diffuphy.learning.probe import TableClips
 from diffuphy.losses.guidance.analytic import Analytic
-from diffuphy.probe import TableClips
 from diffuphy.types import Motion
 from diffuphy.workspace import Workspace
 

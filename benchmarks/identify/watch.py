@@ -10,8 +10,8 @@ from torch import Tensor
 
 from benchmarks.identify.bodies import SIZE, bench, halves
 from benchmarks.identify.specimens import Specimen
+from diffuphy.learning.probe import Bench, Probe
 from diffuphy.losses.takes import Take
-from diffuphy.probe import Bench, Probe
 from diffuphy.render import Skin
 from diffuphy.types import Gaussians, Trajectory
 

@@ -12,7 +12,7 @@ from benchmarks.identify.newton import least_squares
 from benchmarks.identify.rows import Rows, rate, wilson
 from benchmarks.identify.specimens import SPECIMENS, contrast
 from benchmarks.identify.watch import PROBE, Watch
-from diffuphy.fit_material import FitMaterial
+from diffuphy.learning.fit_material import FitMaterial
 from diffuphy.material.field import harden
 from diffuphy.material.net import Net
 from diffuphy.workspace import Workspace
@@ -132,8 +132,8 @@ def test_learning_nu_moves_nu_and_nothing_else(tiny):
 
 def test_the_report_says_how_certain_stiffness_is_and_what_cannot_be_told_apart(tiny, caplog):
     """Two elastic laws at 1e6 Pa: a drop that hardly flattens the ball does not show which of them it is."""
-    from diffuphy.case import with_columns
-    from diffuphy.identifiability import certainty
+    from diffuphy.learning.case import with_columns
+    from diffuphy.learning.identifiability import certainty
     from diffuphy.material.moduli import E
 
     case = trained.case_of(RUBBER, at(6.0), "same", 1)
@@ -146,7 +146,7 @@ def test_the_report_says_how_certain_stiffness_is_and_what_cannot_be_told_apart(
 
 
 def test_a_yield_stress_that_is_never_reached_is_said_not_to_be_seen(tiny, caplog):
-    from diffuphy.identifiability import certainty
+    from diffuphy.learning.identifiability import certainty
     from diffuphy.material.plastic.von_mises import YIELD_STRESS
 
     plasticine = SPECIMENS["plasticine"]
