@@ -37,7 +37,7 @@ QUICK = {
     "gallery": ("knot", "--settings", "experiment=tiny", "--store", "{out}/store", "--out", "{out}"),
     "gaussians": ("--objects", "burger", "--steps", "20", "--out", "{out}"),
     "gradients": ("--quick", "--out", "{out}"),
-    "identify": ("stiffness", "--steps", "1", "--out", "{out}"),
+    "identify": ("--quick", "--out", "{out}"),
     "leaving_out": ("--cells", "3", "--repeat", "2", "--features", "decomposition", "walls", "--out", "{out}"),
     "library_sheet": ("burger", "duck", "--out", "{out}/library.png"),
     "peers": ("--particles", "2000", "--repeat", "2", "--out", "{out}"),

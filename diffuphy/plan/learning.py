@@ -37,6 +37,8 @@ def loss_lines(components: Mapping[str, Any]) -> list[Line]:
                   "no loss needs impulses or forces"),
         Line.kept("enumeration", bool(fit.stiffness_steps), "finds the basin before descending",
                   "material.stiffness_steps=0", other("stiffness_steps")),
+        Line("certainty", "left out", "material.pixel_noise is null") if fit.pixel_noise is None
+        else Line("certainty", "stated", f"standard errors at a pixel noise of {fit.pixel_noise:g}"),
         *(training_lines(fit) if fit.steps else ()),
     ]  # fmt: skip
 
