@@ -169,7 +169,7 @@ def main() -> None:
         print(f"{film.name}: {film.command}", flush=True)
     if all((folder / f"{f.name}.png").exists() for f in FILMS):
         strips = [(f.caption, Image.open(folder / f"{f.name}.png").convert("RGB")) for f in FILMS]
-        write(options.out / "gallery.png", sheet(strips))
+        sheet(strips).save(options.out / "gallery.png", optimize=True)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ Every Gaussian has a label, and every label the word of a material; in a scene o
 segmentation. That a sentence names two materials, ``prompt="a rubber burger with a clay patty falling"``, is enough
 too: then the material stage finds which particle is what, as well as clips show it. Writes outputs/examples/burger.ply,
 labels.npy and the run's folder, outputs/examples/runs/a-burger-falling-…/, with a film of the laws beside the film.
+17 seconds of one core, with experiment=tiny.
 """
 
 import sys
