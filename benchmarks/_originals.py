@@ -8,8 +8,8 @@ from pathlib import Path
 
 import torch
 
-from diffuphy.render import ply
-from diffuphy.render.placement import Placement
+from diffuphy.render.scenes import ply
+from diffuphy.render.scenes.placement import Placement
 from diffuphy.render.sh import from_rgb
 from diffuphy.text2gs.params import nearest_distance
 from diffuphy.text2gs.shapes import shading as k

@@ -29,7 +29,7 @@ from diffuphy.material import presets
 from diffuphy.mpm import Scheme, rollout
 from diffuphy.mpm.restrict import Restriction, restrict
 from diffuphy.mpm.trajectory import Simulate
-from diffuphy.render.clip import Film
+from diffuphy.render.film.clip import Film
 from diffuphy.types import Errors, Motion, Particles
 from diffuphy.workspace import Workspace
 

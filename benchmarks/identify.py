@@ -19,7 +19,7 @@ from typing import Any
 
 import torch
 
-from diffuphy.fit_material import FitMaterial
+from diffuphy.learning.fit_material import FitMaterial
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.losses.takes import Takes
 from diffuphy.losses.velocity import Velocity

@@ -22,17 +22,17 @@ from torch import Tensor, nn
 
 from benchmarks.identify import dressed
 from benchmarks.speed.body import describe
-from diffuphy.appearance import appearance
-from diffuphy.descent import descend
-from diffuphy.fit_material import FitMaterial
+from diffuphy.learning.appearance import appearance
+from diffuphy.learning.descent import descend
+from diffuphy.learning.fit_material import FitMaterial
+from diffuphy.learning.probe import Probe
+from diffuphy.learning.scan import region_values, scan
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.material import presets
 from diffuphy.material.encoder import N_FEATURES, Block, Encoder
 from diffuphy.material.expert import Param
 from diffuphy.material.net import Net
 from diffuphy.mpm.sample import Sample, coarsen
-from diffuphy.probe import Probe
-from diffuphy.scan import region_values, scan
 from diffuphy.text2gs.shapes import RECIPES, Library
 from diffuphy.types import Gaussians, Look, Motion, Particles
 from diffuphy.workspace import Workspace

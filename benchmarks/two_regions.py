@@ -22,12 +22,12 @@ import torch
 from torch import Tensor
 
 from benchmarks.speed.body import describe
-from diffuphy.fit_material import FitMaterial
+from diffuphy.learning.fit_material import FitMaterial
+from diffuphy.learning.probe import Probe, table_field
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.material.field import prune
 from diffuphy.material.net import Net
 from diffuphy.material.presets import lookup
-from diffuphy.probe import Probe, table_field
 from diffuphy.render.sh import from_rgb
 from diffuphy.types import Gaussians, Look, Motion, Particles
 from diffuphy.workspace import Workspace

@@ -19,12 +19,12 @@ from torch import Tensor
 
 from benchmarks._draw import Curve, Plot, plots
 from benchmarks.speed.body import describe
-from diffuphy.case import Case
-from diffuphy.descent import Descent, Model, descend
+from diffuphy.learning.case import Case
+from diffuphy.learning.descent import Descent, Model, descend
+from diffuphy.learning.probe import Probe
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.losses.takes import Take
 from diffuphy.losses.velocity import Velocity
-from diffuphy.probe import Probe
 from diffuphy.render.sh import from_rgb
 from diffuphy.types import Gaussians, Look, MaterialField, Motion, Particles
 from diffuphy.workspace import Workspace

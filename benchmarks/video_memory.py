@@ -27,13 +27,13 @@ from torch import Tensor
 from benchmarks._draw import Curve, Plot, plots
 from benchmarks.identify import dressed
 from benchmarks.speed.body import describe
+from diffuphy.learning.probe import Probe, table_field
 from diffuphy.losses.guidance.analytic import Analytic, Variants
 from diffuphy.losses.guidance.modelscope import ModelScope
 from diffuphy.losses.sds import sds
 from diffuphy.losses.takes import Take
 from diffuphy.losses.video import video_sds
 from diffuphy.mpm.sample import Sample
-from diffuphy.probe import Probe, table_field
 from diffuphy.types import Motion
 from diffuphy.workspace import Workspace
 

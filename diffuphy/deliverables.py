@@ -13,12 +13,12 @@ from diffuphy.formats import Options, Run, write
 from diffuphy.judgement import judgement
 from diffuphy.plan import Plan
 from diffuphy.render import contact_sheet, orbit, render_gaussians, write_png
-from diffuphy.render.colormap import CATEGORY_WORDS, Scale, quantity
-from diffuphy.render.paint import Mixed
-from diffuphy.render.ply import write as write_ply
+from diffuphy.render.film.colormap import CATEGORY_WORDS, Scale, quantity
+from diffuphy.render.film.paint import Mixed
+from diffuphy.render.film.video import playback
 from diffuphy.render.report import Report, Section
+from diffuphy.render.scenes.ply import write as write_ply
 from diffuphy.render.sh import from_rgb
-from diffuphy.render.video import playback
 from diffuphy.scorecard import scorecard, section
 from diffuphy.types import Clip, Gaussians, MaterialField, Particles
 

@@ -25,7 +25,7 @@ from diffuphy.mpm.restrict import Restriction, restrict
 from diffuphy.mpm.rollout import simulate
 from diffuphy.mpm.scene import Scene
 from diffuphy.mpm.trajectory import Simulate
-from diffuphy.render.clip import Film
+from diffuphy.render.film.clip import Film
 from diffuphy.types import Camera, Errors, MaterialField, Motion, Particles, SimulationDiverged, Trajectory
 from diffuphy.workspace import Workspace
 

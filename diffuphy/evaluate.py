@@ -26,7 +26,7 @@ from diffuphy.metrics.structure import psnr, ssim, ssim_object
 from diffuphy.mpm.boundary import HalfSpace
 from diffuphy.mpm.scene import Scene
 from diffuphy.mpm.trajectory import Simulate
-from diffuphy.render.clip import Film
+from diffuphy.render.film.clip import Film
 from diffuphy.shots import Shot, Turntable
 from diffuphy.types import Clip, Gaussians, Look, MaterialField, Motion, Particles, SimulationDiverged, Trajectory
 from diffuphy.workspace import Workspace

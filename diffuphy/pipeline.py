@@ -9,7 +9,7 @@ from typing import Any
 from diffuphy.artifact import SCRATCH, Done, Stage, Store, check_names
 from diffuphy.metrics.score import Scores
 from diffuphy.plan import Line, Plan, cost_lines, make_plan, predicted, pruned_lines, stage_lines
-from diffuphy.render.views import Views
+from diffuphy.render.film.views import Views
 from diffuphy.types import Clip, Errors, Gaussians, MaterialField, Particles, Prompt, Trajectory
 
 log = logging.getLogger(__name__)

@@ -7,10 +7,10 @@ import torch
 from torch import Tensor
 
 from diffuphy.render import orbit, render_gaussians
-from diffuphy.render.clip import Film
-from diffuphy.render.floor import Studio
+from diffuphy.render.film.clip import Film
+from diffuphy.render.film.floor import Studio
+from diffuphy.render.film.rigs import frame_of
 from diffuphy.render.kinematics import limit_stretch
-from diffuphy.render.rigs import frame_of
 from diffuphy.render.skin import Skin
 from diffuphy.types import Camera, Gaussians, Particles, Trajectory
 from diffuphy.workspace import Workspace

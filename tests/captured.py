@@ -5,7 +5,7 @@ from pathlib import Path
 
 import torch
 
-from diffuphy.render import ply
+from diffuphy.render.scenes import ply
 from diffuphy.types import Camera, Gaussians
 
 

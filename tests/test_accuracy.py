@@ -6,13 +6,13 @@ import json
 import pytest
 
 from diffuphy.accuracy import BEYOND, CURVES, FAMILIES, FEWEST, Curve, Unreachable, ceiled, choose, curves, families
-from diffuphy.fit_material import FitMaterial
+from diffuphy.learning.fit_material import FitMaterial
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.material.presets import PRESETS
 from diffuphy.mpm.sample import Sample
 from diffuphy.mpm.trajectory import Simulate
 from diffuphy.plan import make_plan
-from diffuphy.render.clip import Film
+from diffuphy.render.film.clip import Film
 from diffuphy.text2gs.fit import FitGaussians
 from diffuphy.types import Look, Motion, Prompt
 

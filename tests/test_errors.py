@@ -11,7 +11,7 @@ from diffuphy.errors import Estimate, envelope, project, rms, split
 from diffuphy.material import presets
 from diffuphy.mpm.trajectory import Simulate
 from diffuphy.render import look_at
-from diffuphy.render.clip import Film
+from diffuphy.render.film.clip import Film
 from diffuphy.types import Camera, Errors, Motion, Trajectory
 from diffuphy.workspace import Workspace
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from tests.test_fit_material import ball, stage
 
 from diffuphy.artifact import Done, describe
 from diffuphy.evaluate import Evaluate, world
@@ -14,12 +15,11 @@ from diffuphy.material.stated import Piece, StatedMaterial
 from diffuphy.metrics.score import Score, Scores
 from diffuphy.mpm.trajectory import Simulate
 from diffuphy.plan.scores import score_lines
-from diffuphy.render.clip import Film
+from diffuphy.render.film.clip import Film
 from diffuphy.scorecard import line, markdown, scorecard, section
 from diffuphy.shots import Shot, Turntable
 from diffuphy.types import Look, Motion, SimulationDiverged
 from diffuphy.workspace import Workspace
-from tests.test_fit_material import ball, stage
 
 GAUSSIANS, PARTICLES = ball(9)
 LOOK, FALL = Look("ball", "a ball"), Motion("falling", "a jelly ball falling", {"": "jelly"}, 0.4)

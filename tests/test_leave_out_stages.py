@@ -11,24 +11,24 @@ from pathlib import Path
 
 import pytest
 import torch
+from tests.test_fit_material import ball, run, stage
 
-import diffuphy.fit_material as fit_module
+import diffuphy.learning.fit_material as fit_module
 from diffuphy.artifact import Done
 from diffuphy.deliverables import export
+from diffuphy.learning.probe import Bench
 from diffuphy.losses.velocity import Velocity
 from diffuphy.material.field import harden, prune
 from diffuphy.mpm import rollout
 from diffuphy.mpm.filling import Flood, Rays
 from diffuphy.mpm.sample import Sample
 from diffuphy.plan import Plan
-from diffuphy.probe import Bench
 from diffuphy.render import Film, orbit, render_gaussians, sh
-from diffuphy.render.floor import Shadow
+from diffuphy.render.film.floor import Shadow
 from diffuphy.render.kinematics import limit_stretch
 from diffuphy.types import N_SH, Motion, Trajectory
 from diffuphy.workspace import Workspace
 from tests.mpm.bodies import field as material
-from tests.test_fit_material import ball, run, stage
 
 ROOT = Path(__file__).parents[1]
 HEAVY = ("diffusers", "transformers", "open_clip", "accelerate", "gsplat", "openai", "viser", "matplotlib", "lpips")

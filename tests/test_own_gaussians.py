@@ -10,7 +10,7 @@ import torch
 
 from diffuphy.cli import main
 from diffuphy.mpm.sample import Sample
-from diffuphy.render.around import with_scenery
+from diffuphy.render.film.around import with_scenery
 from diffuphy.render.sh import from_rgb
 from diffuphy.render.skin import Skin, to_metres
 from diffuphy.text2gs.load import LoadGaussians

@@ -8,7 +8,7 @@ import torch
 
 from diffuphy.artifact import Stage
 from diffuphy.cost import predict
-from diffuphy.fit_material import FitMaterial
+from diffuphy.learning.fit_material import FitMaterial
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.losses.takes import Takes
 from diffuphy.losses.velocity import Velocity

@@ -20,7 +20,7 @@ def python(code: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_a_whole_run_loads_no_model_library(whole_run):
-    assert {"torch", "warp", "diffuphy.fit_material"} <= whole_run.modules
+    assert {"torch", "warp", "diffuphy.learning.fit_material"} <= whole_run.modules
     assert whole_run.modules.isdisjoint(ABSENT)
 
 

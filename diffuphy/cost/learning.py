@@ -12,9 +12,9 @@ from diffuphy.cost.body import Body
 from diffuphy.cost.counted import Counted, pictures
 from diffuphy.cost.rollouts import Laws, Work, add, times
 from diffuphy.cost.substeps import rounds
+from diffuphy.learning.scan import FEW
+from diffuphy.learning.scan import THREADS as SCAN_THREADS
 from diffuphy.material.encoder import N_FEATURES
-from diffuphy.scan import FEW
-from diffuphy.scan import THREADS as SCAN_THREADS
 from diffuphy.types import Motion
 
 DRAFT = 0.9

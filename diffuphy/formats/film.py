@@ -7,7 +7,7 @@ from torch import Tensor
 
 from diffuphy.formats.options import Options
 from diffuphy.formats.run import Run, said
-from diffuphy.render.video import playback, straight, write_gif, write_mp4, write_pngs, write_webm
+from diffuphy.render.film.video import playback, straight, write_gif, write_mp4, write_pngs, write_webm
 from diffuphy.types import Clip
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from diffuphy.render.ply import QUARTER_TURNS, Up
+from diffuphy.render.scenes.ply import QUARTER_TURNS, Up
 
 
 @dataclass(frozen=True)

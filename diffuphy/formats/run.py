@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from diffuphy.render import sh as harmonics
+from diffuphy.render.film.views import Views
 from diffuphy.render.kinematics import limit_stretch
 from diffuphy.render.skin import Skin
-from diffuphy.render.views import Views
 from diffuphy.types import Clip, Gaussians, MaterialField, Particles, Trajectory
 
 STRETCH = 3.0

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from diffuphy.formats.options import Options
 from diffuphy.formats.run import Run
-from diffuphy.render import ply as layout
+from diffuphy.render.scenes import ply as layout
 
 TOOL = "splat-transform"
 """Compresses Gaussians (PlayCanvas, MIT)."""

@@ -2,7 +2,7 @@
 
 read        file → ``SceneFile``, every key checked, defaults filled in
 scene       file → the component that plays it (``mpm.stated.Stated``)
-camera      file → what holds the camera of its film (``render.rigs``)
+camera      file → what holds the camera of its film (``render.film.rigs``)
 material    file → the component that says what it is made of (``material.stated.StatedMaterial``)
 sample      file → the component that makes its particles, filled as it says (``mpm.sample.Sample``)
 gaussians   file → the component that reads a trained scene as it prepares it (``text2gs.load.LoadGaussians``)

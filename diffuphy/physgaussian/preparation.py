@@ -5,7 +5,7 @@ from typing import Any
 
 from diffuphy.physgaussian.frame import Frame
 from diffuphy.physgaussian.scene_file import SceneFile
-from diffuphy.render.placement import Axis
+from diffuphy.render.scenes.placement import Axis
 from diffuphy.text2gs.load import LoadGaussians
 
 AXES: tuple[Axis, Axis, Axis] = ("x", "y", "z")

@@ -9,8 +9,8 @@ import numpy as np
 from diffuphy.physgaussian.frame import Frame
 from diffuphy.physgaussian.scene_file import SceneFile
 from diffuphy.physgaussian.world import world
-from diffuphy.render.captured import Captured
-from diffuphy.render.rigs import Increments, Resting, Rig
+from diffuphy.render.film.captured import Captured
+from diffuphy.render.film.rigs import Increments, Resting, Rig
 
 log = logging.getLogger(__name__)
 

@@ -9,11 +9,11 @@ from typing import ClassVar, Literal
 import torch
 from torch import Tensor
 
-from diffuphy.render import capture
-from diffuphy.render.ground import UP, Ground, find_ground, given_ground
-from diffuphy.render.marks import marks, marks_file
-from diffuphy.render.placement import Axis, Placement
-from diffuphy.render.ply import Up, upright_turn
+from diffuphy.render.scenes import capture
+from diffuphy.render.scenes.ground import UP, Ground, find_ground, given_ground
+from diffuphy.render.scenes.marks import marks, marks_file
+from diffuphy.render.scenes.placement import Axis, Placement
+from diffuphy.render.scenes.ply import Up, upright_turn
 from diffuphy.text2gs.normalise import check_turns, normalised
 from diffuphy.types import N_SH, Camera, Gaussians, Look
 from diffuphy.workspace import Workspace

@@ -6,7 +6,7 @@ from typing import Any
 
 from torch import Tensor
 
-from diffuphy.render.placement import Axis, Placement
+from diffuphy.render.scenes.placement import Axis, Placement
 
 STRAYS = 1e-3
 """Share of the Gaussians at each end of each axis that the object's box ignores: a few floaters do not make the object

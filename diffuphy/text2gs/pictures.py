@@ -11,9 +11,9 @@ from torch import Tensor
 
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.render import Rasteriser, render_gaussians
-from diffuphy.render.photographs import Shot, files, resized, rgba, shots
-from diffuphy.render.placement import Axis, Placement
-from diffuphy.render.ply import Up, upright_turn
+from diffuphy.render.scenes.photographs import Shot, files, resized, rgba, shots
+from diffuphy.render.scenes.placement import Axis, Placement
+from diffuphy.render.scenes.ply import Up, upright_turn
 from diffuphy.text2gs.fit import FitGaussians
 from diffuphy.text2gs.hull import Hull, HullCloud, hull
 from diffuphy.text2gs.normalise import check_turns

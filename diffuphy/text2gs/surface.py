@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from diffuphy.render import ply
-from diffuphy.render.placement import Axis, Placement
+from diffuphy.render.scenes import ply
+from diffuphy.render.scenes.placement import Axis, Placement
 from diffuphy.render.sh import from_rgb
 from diffuphy.text2gs.normalise import check_turns, normalised
 from diffuphy.types import Gaussians, Look

@@ -12,8 +12,8 @@ from torch import Tensor
 from diffuphy.formats.run import said
 from diffuphy.mpm import Scene
 from diffuphy.mpm.trajectory import Play
-from diffuphy.render.ply import write as write_ply
-from diffuphy.render.video import playback, write_mp4
+from diffuphy.render.film.video import playback, write_mp4
+from diffuphy.render.scenes.ply import write as write_ply
 from diffuphy.types import Motion, Particles
 from diffuphy.viewer.change import Change
 from diffuphy.viewer.hand import Hand, pick

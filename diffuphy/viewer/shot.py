@@ -13,9 +13,9 @@ from diffuphy.formats.run import absorbed
 from diffuphy.geometry import rotations
 from diffuphy.mpm import State
 from diffuphy.render import Skin
-from diffuphy.render.around import Around, Scenery, with_scenery
+from diffuphy.render.film.around import Around, Scenery, with_scenery
+from diffuphy.render.film.paint import PAINTED, Measured, Mixed, Moment, Painter, onto_gaussians, painter
 from diffuphy.render.kinematics import limit_stretch
-from diffuphy.render.paint import PAINTED, Measured, Mixed, Moment, Painter, onto_gaussians, painter
 from diffuphy.render.sh import C0, from_rgb
 from diffuphy.types import Gaussians, MaterialField, Particles, Trajectory
 

@@ -15,7 +15,7 @@ from diffuphy.cost.body import BLOAT, body, gaussians
 from diffuphy.cost.rollouts import Laws
 from diffuphy.cost.stages import STAGES
 from diffuphy.cost.substeps import rounds
-from diffuphy.fit_material import FitMaterial
+from diffuphy.learning.fit_material import FitMaterial
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.material import ELASTIC, PLASTIC, make_mixture
 from diffuphy.material.branch import BRANCHES

@@ -11,8 +11,8 @@ import torch
 from diffuphy.physgaussian import gaussians
 from diffuphy.physgaussian.frame import Frame
 from diffuphy.physgaussian.preparation import UPRIGHT
-from diffuphy.render import ply
-from diffuphy.render.placement import Placement
+from diffuphy.render.scenes import ply
+from diffuphy.render.scenes.placement import Placement
 from diffuphy.types import Gaussians, Look
 
 LOOK = Look("thing", "a thing")

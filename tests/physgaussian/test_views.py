@@ -11,8 +11,8 @@ from diffuphy.physgaussian import camera, read
 from diffuphy.physgaussian.scene_file import parse
 from diffuphy.physgaussian.views import filmed, rig
 from diffuphy.physgaussian.world import world
-from diffuphy.render.captured import Captured
-from diffuphy.render.rigs import Resting
+from diffuphy.render.film.captured import Captured
+from diffuphy.render.film.rigs import Resting
 from diffuphy.types import Particles, Trajectory
 
 PUBLISHED = Path(__file__).parent / "published"

@@ -10,8 +10,9 @@ import torch
 
 from diffuphy.artifact import describe
 from diffuphy.geometry import covariances
-from diffuphy.render import orbit, ply, render_gaussians
-from diffuphy.render.placement import Placement
+from diffuphy.render import orbit, render_gaussians
+from diffuphy.render.scenes import ply
+from diffuphy.render.scenes.placement import Placement
 from diffuphy.text2gs.load import LoadGaussians
 from diffuphy.types import Gaussians, Look
 from diffuphy.workspace import Workspace

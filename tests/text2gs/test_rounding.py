@@ -8,7 +8,7 @@ import torch
 
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.render import orbit, render_gaussians
-from diffuphy.render.ply import write
+from diffuphy.render.scenes.ply import write
 from diffuphy.render.sh import from_rgb
 from diffuphy.text2gs.cameras import Orbits
 from diffuphy.text2gs.fit import FitGaussians

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from diffuphy.geometry import covariances
-from diffuphy.render.ply import read
+from diffuphy.render.scenes.ply import read
 from diffuphy.viewer.change import Change
 from diffuphy.viewer.session import Session
 from diffuphy.viewer.shot import VIEWS, still

@@ -1,0 +1,146 @@
+"""The forward scan: every combination of plastic expert × stiffness is simulated, filmed and scored.
+
+Gradient descent finds the bottom of a basin and no more: a mixture of experts has several, and a bounce seen at the
+wrong phase points the wrong way. A scan of a few dozen short clips takes seconds and names the basin.
+"""
+
+import itertools
+import logging
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from diffuphy.learning.case import Case
+from diffuphy.losses.sds import Weight
+from diffuphy.losses.takes import Take
+from diffuphy.material.field import Hypothesis, prune, warm_start
+from diffuphy.types import MaterialField, SimulationDiverged
+from diffuphy.workspace import Workspace
+
+log = logging.getLogger(__name__)
+THREADS = 2
+"""Clips simulated at once on the CPU; the scores do not depend on it."""
+FEW = 6
+"""Choices of laws whose stiffness is sought more finely than the grid."""
+
+Pair = tuple[tuple[str, float], ...]
+"""Plastic law and log10 E [Pa] of each region."""
+
+
+def scan(
+    case: Case,
+    grid: Sequence[float],
+    *,
+    frames: int,
+    weight: Weight,
+    work: Workspace,
+    known: Sequence[float] = (),
+    few: int = FEW,
+) -> list[list[dict[str, Any]]]:
+    """All combinations of ``table.plastic`` × ``grid`` over the regions, simulated, filmed and scored.
+
+    Regions are scanned jointly, so that one material for the whole object is among the hypotheses as well.
+
+    Args:
+        case: experiment, prior and regions; parameters other than E, and the elastic law, are those of its table.
+        grid: values of log10 E [Pa].
+        frames: length of the clips.
+        known: scores of the first hypotheses, from a checkpoint.
+        few: choices of laws whose stiffness is sought more finely than the grid, see ``compass``.
+
+    Returns:
+        For each of the best ``few`` choices of laws its best stiffness, as one hypothesis for each region; the best
+        choice first. A descent moves stiffness and hardly ever laws, so these are the basins it may start in.
+
+    Raises:
+        SimulationDiverged: none of them can be simulated; what can is compared, and the log tells how many cannot.
+    """
+    table, regions = case.table, region_values(case.table, case.labels)
+    pairs = list(itertools.product(itertools.product(table.plastic, grid), repeat=len(regions)))
+
+    def hypotheses(pair: Pair) -> list[dict[str, Any]]:
+        return [
+            {"elastic": r["elastic"], "plastic": plastic, "theta": r["theta"] | {"E": 10**log_E}, "rho": r["rho"]}
+            for (plastic, log_E), r in zip(pair, regions, strict=True)
+        ]
+
+    def score(pair: Pair) -> float:
+        guess = warm_start(table.elastic, table.plastic, case.labels, [Hypothesis(**h) for h in hypotheses(pair)])
+        with torch.no_grad():
+            try:
+                return case.cond.score(case.bench.simulate(prune(guess).field, frames), weight)
+            except SimulationDiverged as trouble:  # so soft that the drop tears it apart: not what the clip shows
+                failed.append(trouble)
+                return math.inf
+
+    scores = list(known)
+    failed: list[SimulationDiverged] = []
+    case.cond.prepare(Take.whole(frames))
+    with work.bar(len(pairs), "material: scan", initial=len(scores)) as bar, ThreadPoolExecutor(THREADS) as pool:
+        for pair, value in zip(pairs[len(scores) :], pool.map(score, pairs[len(scores) :]), strict=True):
+            scores.append(value)
+            bar.update()
+            seen = {"scan": value} if math.isfinite(value) else {"scan_failed": 1}
+            work.log(len(scores), **seen, hypothesis=_words(pair))
+            if work.due():
+                work.save({"scores": scores})
+    best = _of_each_choice(pairs, scores)[:few]
+    if not best:
+        raise failed[0] if failed else SimulationDiverged(f"none of {len(pairs)} hypotheses can be simulated")
+    if failed:
+        log.warning("material: %d of %d hypotheses cannot be simulated: %s", len(failed), len(pairs), failed[0])
+    with ThreadPoolExecutor(THREADS) as pool:
+        found = list(pool.map(lambda i: compass(score, pairs[i], scores[i], grid), best))
+    found.sort(key=lambda f: f[1])
+    log.info("material: scanned %d hypotheses; %s", len(pairs), "; ".join(f"{_words(p)}: {v:.3g}" for p, v in found))
+    return [hypotheses(pair) for pair, _ in found]
+
+
+def compass(
+    score: Callable[[Pair], float], pair: Pair, value: float, grid: Sequence[float], halvings: int = 2
+) -> tuple[Pair, float]:
+    """The best stiffness of each region near those of ``pair``, and its score, by looking both ways in halved steps.
+
+    Compass search (Kolda, Lewis & Torczon 2003): forward only, and a bounce seen at the wrong phase does not mislead
+    it as it does a gradient. Ends within grid step / 2^halvings of a local minimum if there is one.
+    """
+    step = (grid[-1] - grid[0]) / max(1, len(grid) - 1)
+    for _ in range(halvings):
+        step /= 2
+        for region, (law, log_E) in enumerate(pair):
+            for other in (log_E - step, log_E + step):
+                if not grid[0] <= other <= grid[-1]:
+                    continue
+                trial = (*pair[:region], (law, other), *pair[region + 1 :])
+                if (found := score(trial)) < value:
+                    pair, value = trial, found
+                    break
+    return pair, value
+
+
+def _of_each_choice(pairs: Sequence[Pair], scores: Sequence[float]) -> list[int]:
+    """The best hypothesis of each choice of laws that has one, by their scores."""
+    best: dict[tuple[str, ...], int] = {}
+    for i in sorted(range(len(pairs)), key=scores.__getitem__):
+        if math.isfinite(scores[i]):
+            best.setdefault(tuple(plastic for plastic, _ in pairs[i]), i)
+    return list(best.values())
+
+
+def _words(pair: Pair) -> str:
+    return ", ".join(f"{plastic} with E = 1e{log_E:.2f} Pa" for plastic, log_E in pair)
+
+
+def region_values(table: MaterialField, labels: Tensor) -> list[dict[str, Any]]:
+    """Of each region: its commonest elastic law, and the means of its parameters and density."""
+    regions = []
+    for r in range(int(labels.max()) + 1):
+        where = labels == r
+        law = table.elastic[int(table.w_e[where].mean(0).argmax())]
+        theta = {k: float(v[where].mean()) for k, v in table.theta.items()}
+        regions.append({"elastic": law, "theta": theta, "rho": float(table.rho[where].mean())})
+    return regions
