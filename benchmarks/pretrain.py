@@ -265,17 +265,14 @@ def page(result: dict[str, Any]) -> str:
     text += "| loss of hidden patches | untrained | pre-trained |\n|---|--:|--:|\n"
     for name in ("seen", "held out"):
         text += f"| objects {name} | {known[name][0]:.3f} | {known[name][1]:.3f} |\n"
-    text += (
-        "\n## Does it help a fit?\n\nBodies of two stiffnesses (rubber, one part jelly), 400 particles, 8 frames of "
-    )
-    text += (
-        f"32 × 32 px, {result['steps']} steps at most, the same seeds with and without. Without a scan all particles "
-    )
+    text += "\n## Does it help a fit?\n\nBodies of two stiffnesses (rubber, one part jelly), 400 particles, 8 frames "
+    text += f"of 32 × 32 px, {result['steps']} steps, the same seeds with and without. Without a scan all particles "
     text += "begin at the geometric mean and the network must find the softer part; with one, training begins at the "
-    text += "best of the joint scan. *Change* is the mean of ln(with / without) ± its standard error; below zero is "
-    text += "better. *Clip loss* is of the best hardened field, *error* the root mean square of log₁₀ E over "
-    text += "the particles.\n\n| scan | objects | pairs | clip loss, without | with | change | error, without | with | "
-    text += "change |\n|---|---|--:|--:|--:|--:|--:|--:|--:|\n"
+    text += "best of the joint scan. *Clip loss* is of the best hardened field, *error* the root mean square of the "
+    text += "error of log₁₀ E over the particles. *Change* is the mean of ln(with / without) ± its standard error over "
+    text += "pairs: below zero is better.\n\n"
+    text += "| scan | objects | pairs | clip loss, without | with | change | error, without | with | change |\n"
+    text += "|---|---|--:|--:|--:|--:|--:|--:|--:|\n"
     names = [name for name, _ in TRIALS]
     for scanned in (False, True):
         for who, which in (*((n, [n]) for n in names), ("all", names)):

@@ -126,17 +126,11 @@ def landscape(seed: int, *, particles: int, image: int) -> dict[str, Any]:
 
 def landscape_section(rows: list[dict[str, Any]]) -> str:
     """Where the loss is lowest along E of the patty, beside the share of the patty."""
-    text = (
-        "\n## Why the modulus of the patty is off\n\nClip loss along log₁₀ E of the patty, law, yield stress and bun "
-    )
-    text += (
-        "being those of the reference. The two drafts, that which is fitted and that of the reference, are different "
-    )
-    text += f"draws of particles of one body, whose patty is {1 / 3:.0%} of its height; a patty two or three "
-    text += "particles thick comes out thinner in one than in the other.\n\n"
-    text += (
-        "| particles | seed | patty, share of the volume: fitted | reference | lowest loss | at an error of log₁₀ E of "
-    )
+    text = "\n## Why the modulus of the patty is off\n\nClip loss along log₁₀ E of the patty; law, yield stress and "
+    text += "bun are the reference's. The draft that is fitted and that of the reference are different draws of "
+    text += f"particles of one body, whose patty is {1 / 3:.0%} of its height, two or three particles; what share of "
+    text += "the volume it is differs from draw to draw.\n\n"
+    text += "| particles | seed | patty, share of the volume: fitted | reference | lowest loss | at an error of "
     text += "| loss at the true E |\n|--:|--:|--:|--:|--:|--:|--:|\n"
     for r in rows:
         best = min(range(len(r["loss"])), key=r["loss"].__getitem__)

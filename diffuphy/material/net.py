@@ -56,7 +56,7 @@ class Net:
     """Seed of the initial weights."""
     pretrained: str | None = field(default=None, metadata={"content": lambda file: (Path(file),) if file else ()})
     """Weights of an encoder trained before on other objects, a file of ``benchmarks/pretrain.py``; null draws them:
-    no gain was measured (docs/learning.md)."""
+    after a scan no gain was measured (docs/benchmarks/pretrain.md)."""
 
     def __post_init__(self) -> None:
         if self.pretrained is not None and not Path(self.pretrained).is_file():
