@@ -20,7 +20,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from benchmarks.identify import dressed
+from benchmarks.identify.takes import dressed
 from benchmarks.speed.body import describe
 from diffuphy.learning.appearance import appearance
 from diffuphy.learning.descent import descend

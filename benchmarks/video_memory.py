@@ -25,7 +25,7 @@ import torch
 from torch import Tensor
 
 from benchmarks._draw import Curve, Plot, plots
-from benchmarks.identify import dressed
+from benchmarks.identify.takes import dressed
 from benchmarks.speed.body import describe
 from diffuphy.learning.probe import Probe, table_field
 from diffuphy.losses.guidance.analytic import Analytic, Variants

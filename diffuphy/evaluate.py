@@ -70,7 +70,8 @@ class Evaluate:
     film: Film | None = None
     """How it was filmed; left open: as the run does it."""
     material: Any = None
-    """The material stage, whose untrained network is the reference; left open: that of the run."""
+    """The material stage, whose untrained network is the reference; left open: that of the run. A rival's run names
+    ours, so that all methods are compared with one reference."""
     prior: Any = None
     """``prior(look, camera, background) -> (pictures (C, K, H, W, 3), log-prior (K,))`` of the embedded prior; left
     open: the one that the Gaussians were made with, if it was."""
@@ -99,7 +100,7 @@ class Evaluate:
             reason = f"evaluate.{name}=null" if network is None else network.missing()
             usable[name] = None if reason else network
             why |= dict.fromkeys(metrics, reason) if reason else {}
-        references = self.references if hasattr(components["material"], "net") else ()
+        references = self.references if hasattr(self.material or components["material"], "net") else ()
         if not references:
             reason = "evaluate.references=[]: each seed, of a network that was never trained, costs another film"
             if self.references:

@@ -134,7 +134,7 @@ def length(metres: float) -> str:
     for unit, scale in (("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)):
         if metres >= scale:
             return f"{metres / scale:.2g} {unit}"
-    return f"{metres / 1e-6:.2g} µm"
+    return f"{float(f'{metres / 1e-6:.2g}'):g} µm"
 
 
 def duration(seconds: float) -> str:

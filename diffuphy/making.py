@@ -71,6 +71,9 @@ def film(prompt: str, *overrides: str, **settings: Any) -> Made:
         folder = Path(cfg.hydra.run.dir)
         with open_dict(cfg):
             del cfg["hydra"]
+    kept = folder / ".hydra" / "config.yaml"  # as the command line leaves it: viewer and exporter read it
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    OmegaConf.save(cfg, kept)
     return make_film(cfg, folder)
 
 

@@ -29,6 +29,7 @@ MAY_IMPORT = {
     "convert": {"physgaussian"},
     "text2gs": {"types", "workspace", "geometry", "compiling", "render", "losses", "models"},
     "learning": {"types", "workspace", "geometry", "render", "material", "mpm", "losses"},
+    "rivals": {"types", "workspace", "material", "mpm", "losses", "metrics", "physgaussian", "learning"},
     "errors": {"types", "workspace", "mpm", "render"},
     "shots": {"types", "workspace", "render"},
     "evaluate": {"types", "workspace", "material", "mpm", "render", "metrics", "shots"},

@@ -71,6 +71,7 @@ def test_a_missing_estimate_says_why(tmp_path):
 
 def test_lengths_and_times_are_as_one_reads_them():
     assert [length(v) for v in (1.234, 0.0567, 0.004, 3e-6)] == ["1.2 m", "5.7 cm", "4 mm", "3 µm"]
+    assert [length(v) for v in (5.94e-4, 9.96e-4, 5.5e-8)] == ["590 µm", "1000 µm", "0.055 µm"]
     assert [duration(v) for v in (12.4, 300.0, 7200.0)] == ["12 s", "5 min", "2.0 h"]
 
 

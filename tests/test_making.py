@@ -37,3 +37,11 @@ def test_wrong_settings_raise_what_the_command_line_says(tmp_path):
 def test_importing_the_package_loads_no_hydra():
     code = "import sys, diffuphy; assert 'hydra' not in sys.modules and 'torch' not in sys.modules; diffuphy.film"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_the_settings_of_a_run_are_kept_as_the_command_line_keeps_them(tmp_path):
+    """The viewer and the exporter read them: both ways leave the same file."""
+    made = diffuphy.film("a rubber ball falling", *TINY, store=tmp_path / "a", seed=3)
+    assert main(["prompt=a rubber ball falling", *TINY, f"store={tmp_path / 'b'}", "seed=3"]) == 0
+    texts = [(tmp_path / s / "runs" / made.folder.name / ".hydra/config.yaml").read_text() for s in ("a", "b")]
+    assert texts[0] == texts[1].replace(str(tmp_path / "b"), str(tmp_path / "a"))

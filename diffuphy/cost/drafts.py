@@ -20,14 +20,18 @@ def wanted(components: Mapping[str, Any]) -> bool:
 
 
 def errors(components: Mapping[str, Any], motion: Motion, body: Body) -> Counted:
-    """Coarse drafts of the trajectory: one, one with half the time step, one in the other precision."""
+    """Coarse drafts of the trajectory: one, one with half the time step, one in the other precision. Where the scene
+    refuses their grid the stage makes no estimate, and nothing is to be paid."""
     estimate, play = components["errors"], components["trajectory"]
     coarse = dataclasses.replace(body, particles=body.particles / 8)  # twice the spacing
 
     def draft(**settings: Any) -> Counted:
         return trajectory({**components, "trajectory": dataclasses.replace(play, **settings)}, motion, coarse)
 
-    drafts = [draft()]
+    try:
+        drafts = [draft()]
+    except ValueError:
+        return Counted({})
     drafts += [draft(cfl=play.cfl / 2)] * estimate.time + [draft(double=not play.double)] * estimate.precision
     work = times(FULL, add(*(d.work for d in drafts)))
     return Counted(work, drafts[0].sizes, work, max(d.lanes for d in drafts))

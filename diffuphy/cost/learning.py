@@ -54,6 +54,8 @@ def material(components: Mapping[str, Any], motion: Motion, body: Body) -> Count
     table = Laws.of(*own(body))
     embedded = getattr(fit.guidance, "references", 0) is None
     length = 2 + embedded * 3 if fit.steps or fit.stiffness_steps else 1
+    if fit.pixel_noise is not None:  # its own time step, two a parameter and region, one an elastic law
+        length += 1 + 2 * len(fit.learn) * regions + (len(fit.elastic) if len(fit.elastic) > 1 else 0)
     work += [drop.clip(probe.frames, table, body.wave())] * length
     trained = Laws.of(fit.elastic, fit.plastic)
     wave = body.wave(fitted(fit, body, regions, 0.5))

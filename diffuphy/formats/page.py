@@ -24,8 +24,10 @@ halves the file."""
 
 
 def html(run: Run, options: Options) -> list[Path]:
-    """``play.html`` by viser's recorder: at most ``options.gaussians`` Gaussians, the most visible ones, in at most
-    ``options.page_frames`` frames; the time line keeps the speed of the film.
+    """``play.html``, one file that plays in 3D in a browser, by viser's recorder.
+
+    At most ``options.gaussians`` Gaussians, the most visible ones, in at most ``options.page_frames`` frames; the time
+    line keeps the speed of the film.
 
     Colours are those of degree 0, covariances half precision: both are viser's.
 

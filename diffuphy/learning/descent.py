@@ -10,7 +10,7 @@ import dataclasses
 import logging
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import torch
 from torch import Tensor, nn
@@ -50,6 +50,10 @@ class Model(nn.Module):
         """Parameters by learning rate: ``[{"params": [...], "lr": 2e-3}, ...]``."""
         raise NotImplementedError
 
+    def optimiser(self) -> torch.optim.Optimizer:
+        """What moves the parameters."""
+        return torch.optim.Adam(self.groups(), betas=(0.9, 0.95))
+
     def penalty(self, field: MaterialField) -> Tensor | None:
         """What is added to the loss of a field besides the clip's; None adds nothing."""
         return None
@@ -84,6 +88,8 @@ class Descent:
     """Least relative fall of the score that counts as progress [-]."""
     clip: float = 1.0
     """Largest norm of the gradient of a step."""
+    keep: Literal["best", "last"] = "best"
+    """Which of the fields that were scored remains in the end."""
     seed: int = 0
     """Of noise, diffusion times and takes."""
 
@@ -134,7 +140,8 @@ def descend(
     around: dict[str, Any] | None = None,
     first: int = 0,
 ) -> Run:
-    """Train a model by video score distillation; it is left at the best of the fields that were scored.
+    """Train a model by video score distillation; it is left at the best of the fields that were scored, unless the
+    settings keep the last.
 
     A gradient that is not finite, or a material that cannot be simulated, ends the run with the best so far; where no
     field had a score yet it is an error. Killed between two steps and continued from its checkpoint, a run ends in the
@@ -171,7 +178,7 @@ def descend(
                 work.save((around or {}) | {"run": trainer.state(run)})
         else:
             trainer.judge(run, work)
-    if run.best:
+    if run.best and (settings.keep == "best" or run.step < settings.steps):  # a run that ended early has no last one
         model.load_state_dict(run.best)
     log.info("material: %d steps, best score %.3g at step %d; %s", run.step, run.score, run.at, run.why)
     return run
@@ -183,8 +190,7 @@ class _Trainer:
     def __init__(self, case: Case, model: Model, settings: Descent):
         self.case, self.model, self.settings = case, model, settings
         self.total = case.bench.probe.frames
-        self.groups = model.groups()
-        self.optimiser = torch.optim.Adam(self.groups, betas=(0.9, 0.95))
+        self.optimiser = model.optimiser()
         self.rates = [group["lr"] for group in self.optimiser.param_groups]
         self.generator = torch.Generator().manual_seed(settings.seed)
         velocity = settings.velocity
@@ -218,7 +224,7 @@ class _Trainer:
         self.optimiser.zero_grad()
         loss.backward()
         self._check()
-        norm = torch.nn.utils.clip_grad_norm_([p for g in self.groups for p in g["params"]], s.clip)
+        norm = torch.nn.utils.clip_grad_norm_([p for g in self.optimiser.param_groups for p in g["params"]], s.clip)
         self.optimiser.step()
         work.show("material", number + 1, s.steps, lambda: (case.bench.skin, trajectory))
         return {"loss": distilled.item(), "total": loss.item(), "grad": norm.item(), **summary(field)}

@@ -18,6 +18,7 @@ from torch import Tensor
 
 from diffuphy.learning.case import Case, Segment, parameters
 from diffuphy.learning.descent import Descent, Model, descend
+from diffuphy.learning.identifiability import RHO_UNSEEN, certainty
 from diffuphy.learning.probe import Probe
 from diffuphy.learning.scan import region_values, scan
 from diffuphy.learning.verdict import film_field, verdict
@@ -74,6 +75,9 @@ class FitMaterial:
     learn: tuple[str, ...] = ("E",)
     """Parameters to learn, by their names in the field; the others stay at the table's. A short drop shows stiffness;
     what else it shows depends on the material: ν, yield_stress, friction_angle, viscosity."""
+    pixel_noise: float | None = None
+    """Standard deviation of a pixel for which the summary says how certain what was learnt can be, and the log what the
+    clip does not show (``identifiability``); some clips more. None leaves it out."""
     regions: int = 2
     """Most regions that get hypotheses of their own; 1 when the prompt names one material."""
     segment: Segment = "parts"
@@ -120,6 +124,10 @@ class FitMaterial:
             raise ValueError(f"material.segment must be one of {get_args(Segment)}, got {self.segment!r}")
         if not self.learn:
             raise ValueError("material.learn must name a parameter; material.steps=0 leaves the training out")
+        if "rho" in self.learn:
+            raise ValueError(RHO_UNSEEN)
+        if self.pixel_noise is not None and not self.pixel_noise > 0:
+            raise ValueError(f"material.pixel_noise must be positive, or null to leave it out, got {self.pixel_noise}")
         self._check_override()
         self.estimator.check(self.guidance)
         if self.scan_frames > self.probe.frames:
@@ -152,7 +160,11 @@ class FitMaterial:
         case = self.case(look, motion, gaussians, particles)
         model = self.fit(case, work)
         with torch.no_grad():
-            work.summary(verdict(case, harden(model()), self.weight))
+            hardened = harden(model())
+            numbers = verdict(case, hardened, self.weight)
+            if self.pixel_noise is not None:
+                numbers |= certainty(case, hardened, self._learnt(case), self.pixel_noise)
+            work.summary(numbers)
             return film_field(case, model, gaussians, particles)
 
     def case(self, look: Look, motion: Motion, gaussians: Gaussians, particles: Particles) -> Case:

@@ -22,7 +22,7 @@ class Labelled(Protocol):
     """Whoever knows what belongs to what (``text2gs.load.LoadGaussians``)."""
 
     @property
-    def materials(self) -> dict[int, str]:
+    def materials(self) -> dict[int, str] | None:
         """Material word of each label."""
         ...
 
@@ -55,7 +55,11 @@ class LabelledMaterial:
     @property
     def words(self) -> tuple[str, ...]:
         """Material words, label by label."""
-        return tuple(self.source.materials.values())
+        return tuple((self.source.materials or {}).values())
+
+    def experts(self, motion: Motion) -> tuple[tuple[str, ...], tuple[str, ...], str]:
+        """Elastic and plastic laws of the result, and why."""
+        return self.elastic, self.plastic, f"what the labels are made of: {', '.join(self.words)}"
 
     def __call__(
         self, look: Look, motion: Motion, gaussians: Gaussians, particles: Particles, *, work: Any
@@ -72,7 +76,7 @@ class LabelledMaterial:
             )
         label = of_particles(labels, particles)
         index = torch.full_like(label, -1)
-        for k, (name, word) in enumerate(self.source.materials.items()):
+        for k, (name, word) in enumerate(zip(self.source.materials or {}, self.words, strict=True)):
             index[mine := label == name] = k
             if not bool(mine.any()):
                 raise ValueError(f"the label {name} ({word}) has no particles; raise sample.cells, or leave it out")

@@ -44,7 +44,7 @@ def make_plan(
     elastic, plastic, why = experts(components["material"], prompt.motion)
     material = dataclasses.replace(components["material"], elastic=elastic, plastic=plastic)
     resolved = components | {"material": material} | judged(components) | sized(components)
-    resolved |= scored(resolved)
+    resolved |= scored(resolved, prompt.motion)
     lines = [
         *prompt_lines(prompt),
         *chosen,

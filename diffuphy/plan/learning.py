@@ -11,8 +11,14 @@ from diffuphy.plan.line import Line
 def loss_lines(components: Mapping[str, Any]) -> list[Line]:
     """Scan, gradient and losses of the material."""
     fit = components["material"]
+    if hasattr(fit, "plan"):  # a rival of our own method
+        return [
+            Line("method", fit.NAME, "docs/methods.md says what it reproduces"),
+            *(Line(*said) for said in fit.plan()),
+        ]
     if not hasattr(fit, "steps"):
-        return [Line("material", "given", f"{len(fit.pieces)} pieces with laws and parameters: nothing is learnt")]
+        what = ", ".join(fit.words) + " by label" if hasattr(fit, "words") else f"{len(fit.pieces)} pieces"
+        return [Line("material", "given", f"{what}, with laws and parameters: nothing is learnt")]
     velocity = fit.velocity
     gathered = (velocity is not None and velocity.weight > 0 and velocity.needs) or ""
     defaults = {f.name: f.default for f in dataclasses.fields(fit)}
@@ -32,6 +38,8 @@ def loss_lines(components: Mapping[str, Any]) -> list[Line]:
                   "no loss needs impulses or forces"),
         Line.kept("enumeration", bool(fit.stiffness_steps), "finds the basin before descending",
                   "material.stiffness_steps=0", other("stiffness_steps")),
+        Line("certainty", "left out", "material.pixel_noise is null") if fit.pixel_noise is None
+        else Line("certainty", "stated", f"standard errors at a pixel noise of {fit.pixel_noise:g}"),
         *(training_lines(fit) if fit.steps else ()),
     ]  # fmt: skip
 

@@ -11,9 +11,10 @@ from diffuphy.types import MaterialField, Motion
 
 
 def experts(material: Any, motion: Motion) -> tuple[tuple[str, ...], tuple[str, ...], str]:
-    """Candidate experts: those the configuration names, else those the materials of the prompt may be."""
-    if hasattr(material, "words"):
-        return material.elastic, material.plastic, f"what the labels are made of: {', '.join(material.words)}"
+    """Candidate experts: those the configuration names, else those the materials of the prompt may be; those of a rival
+    are its own affair."""
+    if hasattr(material, "experts"):
+        return material.experts(motion)
     words = sorted(set(motion.materials.values()))
     elastic, plastic = candidates(words, melting=motion.verb == "melting")
     chosen = (tuple(material.elastic) or elastic, tuple(material.plastic) or plastic)
@@ -49,7 +50,8 @@ def mixture_lines(components: Mapping[str, Any]) -> list[Line]:
                   other(elastic=(*elastic, more) if more not in elastic else elastic)),
         Line.kept("memory", bool(remember), f"{', '.join(remember)} hardens or heats", "no law remembers",
                   other(plastic=(*(p for p in plastic if p != "von_mises"), "von_mises_hardening"))),
-        Line("viscous branch", "left out", "no material of the table relaxes; MaterialField.branches adds one"),
+        Line.kept("viscous branch", bool(getattr(fit, "branches", ())), "each particle has a Maxwell branch",
+                  "no material of the table relaxes; MaterialField.branches adds one"),
     ]  # fmt: skip
 
 

@@ -5,13 +5,20 @@ from collections.abc import Mapping
 from typing import Any
 
 from diffuphy.plan.line import Line
+from diffuphy.plan.materials import experts
+from diffuphy.types import Motion
 
 
-def scored(components: Mapping[str, Any]) -> dict[str, Any]:
+def scored(components: Mapping[str, Any], motion: Motion) -> dict[str, Any]:
     """The evaluation, made of the run that it scores, without what cannot be computed here."""
     if "evaluate" not in components or components["evaluate"].score == "off":
         return {}
-    return {"evaluate": components["evaluate"].planned(components)}
+    evaluation = components["evaluate"]
+    if evaluation.material is not None:  # it is not the run's own: nobody has chosen its experts yet
+        elastic, plastic, _ = experts(evaluation.material, motion)
+        material = dataclasses.replace(evaluation.material, elastic=elastic, plastic=plastic)
+        evaluation = dataclasses.replace(evaluation, material=material)
+    return {"evaluate": evaluation.planned(components)}
 
 
 def score_lines(components: Mapping[str, Any]) -> list[Line]:

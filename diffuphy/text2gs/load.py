@@ -49,8 +49,9 @@ class LoadGaussians:
     the object, beside the region. None: all."""
     labels: str | None = field(default=None, metadata={"content": marks_file})
     """The same with a whole number for each: which thing it belongs to. None: there is one."""
-    materials: dict[int, str] = field(default_factory=dict)
-    """Material word of each label that moves, {1: rubber, 2: sand}; with labels, those without a word stand still."""
+    materials: dict[int, str] | None = None
+    """Material word of each label that moves, {1: rubber, 2: sand}; with labels, those without a word stand still.
+    None: there are no labels."""
     ground: float | Literal["found"] | None = None
     """The ground: found as the plane that many Gaussians lie in, and made level; or its height in lengths of the file
     after all rotations. What lies in it or below is not the object, and the floor of the film is there. None: the floor
@@ -234,11 +235,11 @@ class LoadGaussians:
                 raise ValueError(f"{self.mask} must be 0 and 1, got {torch.unique(mask)[:5].tolist()}")
             inside = inside & (mask == 1)
         if labels is not None:
-            for label in self.materials:
+            for label in self.materials or {}:
                 if not bool((inside & (labels == label)).any()):
                     there = torch.unique(labels[inside]).tolist()
                     raise ValueError(f"gaussians.materials names the label {label}; in the object are {there[:20]}")
-            inside = inside & torch.isin(labels, torch.tensor(list(self.materials)))
+            inside = inside & torch.isin(labels, torch.tensor(list(self.materials or {})))
         if ground is not None:
             inside = inside & ground.above(g.means)
         if not bool(inside.any()):

@@ -15,6 +15,7 @@ from diffuphy.cost.body import BLOAT, body, gaussians
 from diffuphy.cost.rollouts import Laws
 from diffuphy.cost.stages import STAGES
 from diffuphy.cost.substeps import rounds
+from diffuphy.errors import Estimate
 from diffuphy.learning.fit_material import FitMaterial
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.material import ELASTIC, PLASTIC, make_mixture
@@ -236,3 +237,13 @@ def test_coefficients_are_few_and_readable():
     table = json.loads(cost.COEFFICIENTS.read_text())["cpu"]
     assert set(table) >= {"machine", "yardstick", "seconds", "bytes"}
     assert all(v >= 0 for kind in ("seconds", "bytes") for v in table[kind].values())
+
+
+def test_a_draft_that_the_scene_refuses_costs_nothing():
+    """A finger 0.2 m thick stands on three nodes of the film's grid, not on three of a draft's: the stage makes no
+    estimate, and the forecast does not fail where the stage does not."""
+    poked = Prompt(DROP.look, dataclasses.replace(DROP.motion, verb="poked"))
+    made = components() | {"errors": Estimate()}
+    found = cost.predict(made, poked, particles=4000)
+    assert found.stages["trajectory"].seconds > 0 == found.stages["errors"].seconds
+    assert cost.predict(made, poked, particles=50_000).stages["errors"].seconds > 0

@@ -1,0 +1,94 @@
+"""What the page of the study says around its tables."""
+
+CAMERA = "1 camera"
+
+INTRO = """# What a clip tells of its material
+
+A ball of 0.3 m, 1500 particles, falls on the floor at 1.5 m/s: eight frames at 30 per second, 64 × 64 pixels, the
+drop of the material stage. From the clip alone its material is to be found. A clip that the same discretisation
+made would flatter (the inverse crime), so it is made by another one:
+
+- **finer**: half the grid spacing, eight times the particles, half the Courant number, another draw of particles,
+another place on the grid;
+- **same** resolution, for comparison: another draw of particles and another place on the grid.
+
+Rates carry Wilson's interval of 95 %. Errors of E are in decades (dex). Seconds are processor times of one thread
+on a shared machine: {machine}. Every number here is written by `python -m benchmarks identify`.
+
+## What was to be shown
+"""
+
+WHY = """
+What is sought together and what is known is said in the rows; everything else is the truth's. The first row is the
+material stage itself, the plastic laws are its scan; the others are least squares from the best of a scan, which
+say what the clip holds, apart from how it is found.
+"""
+
+STIFFNESS = """
+## Stiffness, by the material stage
+
+log₁₀ E of a truth between 3.9 and 5.9 (between 3.9 and 6.0 for training alone), ν and ρ known. *Whole stage*:
+`FitMaterial` with its defaults, scan and training, and a probe with `contact: elastic`; *training alone*: the scan
+left out, from a start that is too stiff or too soft by a given distance. The gradient is that of the product:
+pixels → Gaussians → trajectory → adjoint of the simulation → network. *Steps to 0.1 dex*: after which the path
+stays within it, median of the runs that end there.
+
+"""
+
+PARAMETERS = """
+## Other parameters, by least squares
+
+Levenberg–Marquardt with differences from the best of a scan (eight values for one parameter, 6 × 6 for two).
+*Particles*: the places of 500 points inside the ball, at every frame; *1 camera* and *4 cameras* all round: pixels;
+*noise*: with a standard deviation of 0.05 of the range of a pixel.
+
+"""
+
+LAWS = """
+## Plastic law, by the scan
+
+The scan of the material stage, forward only: four laws × five stiffnesses from 10⁴ to 10⁶ Pa. Truths have stiffness
+off that grid, yield stress up to a factor of two and friction angle up to 10° from what the scan supposes. *Among
+the best two*: what is refined before one is chosen (`material.refine`).
+
+"""
+
+RESOLUTION = """
+## What discretisation does
+
+The error that the finer reference alone causes, to first order: (JᵀJ)⁻¹ Jᵀ (c_fine − c) at the truth, one camera,
+for fits of several resolutions against the same reference of 12 000 particles; and for walls that are rigid. On a
+rigid wall matter turns back most of a cell above the floor, which the fit takes for stiffness or for softness; an
+elastic wall (`material.probe.contact=elastic`, the contact that films are made with) lets it touch first.
+
+"""
+
+SEEN = """
+## What can be told at all
+
+Least standard errors from the Fisher information (Cramér–Rao), at independent noise of 0.05 in every pixel, in dex,
+or in shares of the range of the parameter for ν and the friction angle; `material.pixel_noise=0.05` puts them into
+the report of a run. A hundred thousand pixels leave little to noise: what the tables above show is discretisation.
+But the *condition* says along which combinations it is amplified, and some things no clip shows at any noise:
+
+"""
+
+SCALED = """
+With density, E, yield stress and viscosity all eight times as large the largest difference of any pixel is
+{differences}: a drop shows ratios to the density alone, and `material.learn` refuses `rho`.
+"""
+
+ELASTIC = """
+Elastic laws, at the same E and ν, against neo-Hookean; root mean square difference of the pixels. Up to a flattening
+by a seventh another draw of particles changes the clip more than another law does:
+
+"""
+
+PUBLISHED = """
+## What others report
+
+PAC-NeRF (Li et al., ICLR 2023, arXiv 2303.05512), LPO (Kaneko, arXiv 2406.04155) and GIC (Cai et al., NeurIPS 2024,
+arXiv 2406.14927) measure the same kind of thing on clips that they simulate themselves, seen by many cameras, with
+geometry to be found as well. Their tables are not repeated here: other bodies, other clips and other errors, and
+what is theirs could not be read at its source when this page was written.
+"""

@@ -1,0 +1,136 @@
+"""Tables as Markdown, and the figure of the errors."""
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from benchmarks._draw import INK, LINES, PALE, Sheet
+from benchmarks.tables.gather import Mean, Row, across, ahead, cells
+from benchmarks.tables.protocol import GIVEN, OURS
+
+MEASURES = {
+    "physical error [%]": ("error", 100),
+    "of the centre of mass [%]": ("com", 100),
+    "of the shape [%]": ("shape", 100),
+    "clip loss": ("hardened_loss", 1),
+    "held-out clip": ("held_out_motion", 1),
+    "energy created": ("energy created", 1),
+    "penetration [%]": ("penetration", 1),
+    "inverted [%]": ("inverted", 1),
+}
+"""What is averaged over prompts, and its scale; lower is better in all of them."""
+
+WEIGHTS = ("CLIPSIM", "Diff_SSIM", "Diff_SSIM (object)", "Diff_CLIP", "FVD", "KVD", "LAION")
+"""What the paper reports, where films were made and their weights are there."""
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table, its first column to the left."""
+    lines = ["| " + " | ".join(head) + " |", "|---" + "|---:" * (len(head) - 1) + "|"]
+    return "\n".join([*lines, *("| " + " | ".join(r) + " |" for r in rows)]) + "\n"
+
+
+def names(rows: Sequence[Row], key: str) -> list[str]:
+    """Values of a column in the order in which they come."""
+    return list(dict.fromkeys(r[key] for r in rows))
+
+
+def by_prompt(rows: Sequence[Row], metric: str = "error", scale: float = 100) -> str:
+    """Mean ± spread for every prompt and variant, the best of those that were not told in bold."""
+    found, variants = cells(rows, metric), names(rows, "variant")
+    lines = []
+    for prompt in names(rows, "prompt"):
+        rivals = [v for v in variants if v != GIVEN and found[v, prompt].count]
+        best = min(rivals, key=lambda v: found[v, prompt].value, default=None)
+        shown = [found[v, prompt].shown(scale) if (v, prompt) in found else "–" for v in variants]
+        lines.append([prompt, *(f"**{s}**" if v == best else s for v, s in zip(variants, shown, strict=True))])
+    means = [across(rows, metric, v).shown(scale) for v in variants]
+    return table(["prompt", *variants], [*lines, ["*mean*", *means]])
+
+
+def lead(rows: Sequence[Row], ours: str = OURS, metric: str = "error") -> str:
+    """Prompts at which ours is ahead, behind, or neither by more than the spread."""
+    found, prompts = cells(rows, metric), names(rows, "prompt")
+    lines = []
+    for rival in names(rows, "variant"):
+        if rival == ours:
+            continue
+        signs = [ahead(found[ours, p], found[rival, p]) for p in prompts if (rival, p) in found and (ours, p) in found]
+        behind = [p for p, s in zip(prompts, signs, strict=False) if s < 0]
+        lines.append([rival, *(str(signs.count(s)) for s in (1, 0, -1)), "; ".join(behind) or "–"])
+    return table([f"{ours} against", "ahead", "neither", "behind", "behind at"], lines)
+
+
+def measures(rows: Sequence[Row]) -> str:
+    """Means over prompts of everything that needs no weights."""
+    had = {n: m for n, m in MEASURES.items() if any(m[0] in r for r in rows)}
+    lines = [[v, *(across(rows, m, v).shown(s) for m, s in had.values())] for v in names(rows, "variant")]
+    return table(["", *had], lines)
+
+
+def weights(rows: Sequence[Row]) -> str:
+    """Means over prompts of the paper's metrics; what is missing, and what it takes."""
+    had = [m for m in WEIGHTS if any(m in r for r in rows)]
+    missing = [m for m in WEIGHTS if m not in had]
+    text = ""
+    if had:
+        lines = [[v, *(across(rows, m, v).shown(1, 3) for m in had)] for v in names(rows, "variant")]
+        text = table(["", *had], lines)
+    if missing:
+        why = "their weights are not on this machine or no references were asked for" if had else "no films were made"
+        text += f"\nMissing: {', '.join(missing)}; {why} (`--films`, [weights](../../weights.md)).\n"
+    return text
+
+
+def efficiency(rows: Sequence[Row]) -> str:
+    """Seconds and memory of the material stage."""
+    columns: dict[str, tuple[str, float]] = {
+        "a step [s]": ("step_seconds", 1),
+        "in all [s]": ("seconds", 1),
+        "processor time [s]": ("cpu_seconds", 1),
+        "peak memory [MB]": ("megabytes", 1),
+        "of the device [MB]": ("device_megabytes", 1),
+        "physical error [%]": ("error", 100),
+    }
+    lines = [[v, *(across(rows, m, v).shown(s) for m, s in columns.values())] for v in names(rows, "variant")]
+    return table(["", *columns], lines)
+
+
+def figure(rows: Sequence[Row], path: Path, metric: str = "error", label: str = "physical error / size") -> None:
+    """Every prompt a row, every variant a colour: the mean and, as a bar, the spread over seeds; logarithmic."""
+    found, prompts, variants = cells(rows, metric), names(rows, "prompt"), names(rows, "variant")
+    values = [m.value for m in found.values() if m.count and m.value > 0]
+    if not values:
+        return
+    low, high = math.floor(2 * math.log10(min(values))) / 2, math.ceil(2 * math.log10(max(values))) / 2
+    left, top, width, step = 270.0, 40.0, 440.0, 12.0
+    band = step * len(variants) + 10
+    sheet = Sheet(left + width + 30, top + band * len(prompts) + 50)
+
+    def at(value: float) -> float:
+        return left + (min(max(math.log10(value), low), high) - low) / (high - low) * width
+
+    ticks = [a * 10.0**e for e in range(math.floor(low), math.ceil(high) + 1) for a in (1, 2, 5)]
+    bottom = top + band * len(prompts)
+    for t in (t for t in ticks if low <= math.log10(t) <= high):
+        sheet.line([(at(t), top - 6), (at(t), bottom)], PALE, 1.0)
+        sheet.text(at(t), bottom + 12, f"{t:g}", anchor="mm", size=11)
+    sheet.text(left + width / 2, bottom + 32, label, anchor="mm")
+    for i, prompt in enumerate(prompts):
+        sheet.text(left - 12, top + band * i + band / 2 - 5, prompt, anchor="rm", size=11)
+        for j, variant in enumerate(variants):
+            _dot(sheet, found.get((variant, prompt)), at, top + band * i + step * j, LINES[j % len(LINES)])
+    for j, variant in enumerate(variants):
+        x = left - 250 + j * (width + 260) / len(variants)
+        sheet.box(x, 12, 10, 10, LINES[j % len(LINES)], None)
+        sheet.text(x + 15, 17, variant, size=11, color=INK)
+    sheet.image.save(path)
+
+
+def _dot(sheet: Sheet, mean: Mean | None, at: Callable[[float], float], y: float, color: str) -> None:
+    if mean is None or not mean.count or not mean.value > 0:
+        return
+    if mean.spread > 0:
+        ends = max(mean.value - mean.spread, mean.value / 10), mean.value + mean.spread
+        sheet.line([(at(ends[0]), y), (at(ends[1]), y)], color, 2.0)
+    sheet.box(at(mean.value) - 4, y - 4, 8, 8, color, None)

@@ -1,0 +1,133 @@
+"""The tables: shared stages are shared, errors are distances, means are means."""
+
+import math
+
+import pytest
+import torch
+
+from benchmarks.tables import gather, page, text
+from benchmarks.tables.gather import Mean, ahead
+from benchmarks.tables.protocol import ABLATIONS, METHODS, PROMPTS, Task
+from benchmarks.tables.reference import children, error
+from benchmarks.tables.work import settings
+from diffuphy.artifact import Store, describe
+from diffuphy.cli import make
+from diffuphy.pipeline import stages
+from diffuphy.plan import make_plan
+from diffuphy.text2gs.refine.rules import Rules
+from diffuphy.types import Trajectory
+from diffuphy.workspace import Workspace
+
+EVERY = dict(METHODS) | {k: v for k, v in ABLATIONS.items() if k != "full"}
+PROMPT = "a rubber burger falling"
+
+
+def composed(variant, size="small"):
+    return settings(Task(PROMPT, 0, EVERY).overrides(variant, size, "cpu"))
+
+
+@pytest.mark.parametrize("variant", EVERY)
+def test_every_method_and_ablation_can_be_made_and_planned(variant):
+    """Its settings make components, and the plan of a run says who finds the material."""
+    components = make(composed(variant)["stages"])
+    words = components["prompt"](work=Workspace())
+    plan = make_plan({k: v for k, v in components.items() if k != "reference"}, words)
+    said = {line.what: line.decision for line in plan.lines}
+    name = variant if variant in METHODS else "DiffuPhyGS"
+    assert ("method" in said) == (name != "DiffuPhyGS")
+    assert plan.components["material"].elastic and plan.components["material"].plastic
+
+
+@pytest.mark.parametrize("method", [m for m in METHODS if m != "DiffuPhyGS"])
+def test_methods_share_the_stages_before_the_material(method, tmp_path):
+    """One key for the prompt, and one recipe for Gaussians and particles; another one for the material."""
+    store = Store(tmp_path)
+    ours, theirs = (stages(make(composed(m)["stages"])) for m in ("DiffuPhyGS", method))
+    assert store.path(ours[0], {}) == store.path(theirs[0], {})
+    done = {"prompt": store.run(ours, "prompt")[0].path}
+    assert store.path(ours[1], done) == store.path(theirs[1], done)
+    assert describe(ours[2].run) == describe(theirs[2].run) and ours[2].inputs == theirs[2].inputs
+    assert type(ours[3].run) is not type(theirs[3].run) and ours[4].run == theirs[4].run
+
+
+def test_what_is_changed_in_material_reaches_every_rival():
+    changed = settings([*Task(PROMPT, 0, EVERY).overrides("PhysDreamer", "small", "cpu"), "material.probe.frames=5"])
+    rival = make(changed["stages"])["material"]
+    assert rival.probe.frames == 5 and rival.steps == changed["material"]["steps"]
+
+
+def test_rivals_are_compared_with_our_untrained_network():
+    """One reference for all methods: Diff_SSIM and Diff_CLIP of two methods are then about the same films."""
+    overrides = Task(PROMPT, 0, EVERY).overrides("DreamPhysics", "small", "cpu")
+    components = make(settings([*overrides, "evaluate.references=[0]"])["stages"])
+    words = components["prompt"](work=Workspace())
+    plan = make_plan({k: v for k, v in components.items() if k != "reference"}, words)
+    reference = plan.components["evaluate"].material
+    assert hasattr(reference, "net") and reference.plastic and plan.components["evaluate"].references == (0,)
+
+
+def test_every_prompt_is_understood():
+    assert [Rules(p)(work=Workspace()).motion.verb for p in PROMPTS]
+
+
+def test_children_lie_about_their_parent():
+    """Their mean is the parent (1e-7 of the coordinates in float32), no two coincide, and none is a cell away."""
+    x = torch.rand(50, 3, generator=torch.Generator().manual_seed(0))
+    found = children(x, 0.1, seed=3).unflatten(0, (-1, 8))
+    torch.testing.assert_close(found.mean(1), x, atol=2e-7, rtol=0)
+    reach = (found - x[:, None]).abs()
+    assert 0.1 / 4 * 0.59 < float(reach.min()) and float(reach.max()) < 0.1 / 4 * 1.41
+    assert not torch.equal(children(x, 0.1, seed=3), children(x, 0.1, seed=4))
+
+
+def film(x):
+    return Trajectory(x, torch.zeros_like(x), torch.zeros(*x.shape, 3), 30.0)
+
+
+def test_error_is_the_distance_over_the_size():
+    """Moved by d everywhere: error and centre of mass d/size, shape 0. Turned inside: the other way round."""
+    x = torch.randn(4, 20, 3, generator=torch.Generator().manual_seed(0))
+    weight = torch.full((20,), 1 / 20)
+    moved = x.clone()
+    moved[1:] += torch.tensor([0.03, 0.0, 0.04])
+    found = error(film(moved), film(x), weight, 0.5)
+    assert found == pytest.approx({"error": 0.1, "com": 0.1, "shape": 0.0}, abs=1e-6)
+    bent = x.clone()
+    bent[1:, :10, 2] += 0.05
+    bent[1:, 10:, 2] -= 0.05
+    assert error(film(bent), film(x), weight, 0.5) == pytest.approx({"error": 0.1, "com": 0, "shape": 0.1}, abs=1e-6)
+
+
+ROWS = [
+    {"prompt": p, "variant": v, "seed": s, "error": round(e + 0.01 * s, 2)}
+    for p in ("a", "b") for v, e in (("DiffuPhyGS", 0.1), ("other", 0.1 if p == "a" else 0.5)) for s in range(3)
+]  # fmt: skip
+
+
+def test_ahead_needs_more_than_the_spread():
+    near, far = Mean(0.11, 0.01, 3), Mean(0.2, 0.01, 3)
+    ours = Mean(0.1, 0.01, 3)
+    assert [ahead(ours, near), ahead(ours, far), ahead(far, ours)] == [0, 1, -1]
+    assert ahead(ours, Mean(math.nan, math.nan, 0, failed=3)) == 1
+
+
+def test_rows_survive_their_file(tmp_path):
+    rows = [*ROWS, {"prompt": "a, b", "variant": "other", "seed": 0, "why": "diverged"}]
+    gather.write(rows, tmp_path / "rows.csv")
+    assert gather.read(tmp_path / "rows.csv") == rows
+
+
+def test_page_has_means_spreads_and_the_best_in_bold(tmp_path):
+    said = text("quantitative", ROWS, "a command")
+    assert "| b | **11 ± 1** | 51 ± 1 |" in said
+    assert "| other | 1 | 1 | 0 | – |" in said
+    assert "Missing: CLIPSIM" in said
+    page.figure(ROWS, tmp_path / "f.png")
+    assert (tmp_path / "f.png").stat().st_size > 1000
+
+
+def test_a_diverged_run_is_counted_not_hidden():
+    run = {"prompt": "a", "variant": "x", "seed": 0}
+    rows = [run | {"error": 0.1}, run | {"seed": 1, "why": "!"}]
+    assert Mean.of(rows, "error").shown(100) == "10 (1 diverged)"
+    assert Mean.of(rows[1:], "error").shown(100) == "diverged"
