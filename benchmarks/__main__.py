@@ -42,6 +42,7 @@ QUICK = {
     "library_sheet": ("burger", "duck", "--out", "{out}/library.png"),
     "peers": ("--particles", "2000", "--repeat", "2", "--out", "{out}"),
     "physgaussian": ("--tiny", "--scenes", "jam", "--count", "2000", "--store", "{out}/store", "--out", "{out}"),
+    "pretrain": ("train", "--steps", "2", "--drafts", "1", "--folder", "{out}"),
     "resume": ("--kills", "1"),
     "speed": ("--quick",),
     "stability": ("--quick", "--jobs", "1", "--out", "{out}"),

@@ -12,6 +12,7 @@ from diffuphy.learning.fit_material import FitMaterial
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.losses.takes import Takes
 from diffuphy.losses.velocity import Velocity
+from diffuphy.material.net import Net
 from diffuphy.material.stated import Piece, StatedMaterial
 from diffuphy.mpm import HalfSpace, Scheme
 from diffuphy.mpm.sample import Sample
@@ -99,6 +100,15 @@ def test_the_plan_is_obeyed_by_replacing_open_settings_only():
 def test_velocity_loss_of_weight_zero_is_left_out(weight, expected):
     plan = make_plan(components(velocity=Velocity("literal", weight)), prompt("rubber"))
     assert decision(plan, "velocity loss") == expected
+
+
+def test_an_encoder_that_was_trained_before_is_told(tmp_path):
+    """Weights of a file have a line, drawn ones have none."""
+    (tmp_path / "encoder.safetensors").touch()
+    net = Net(pretrained=str(tmp_path / "encoder.safetensors"))
+    plan = make_plan(components(net=net), prompt("rubber"))
+    assert decision(plan, "encoder") == "pre-trained"
+    assert not any(line.what == "encoder" for line in make_plan(components(), prompt("rubber")).lines)
 
 
 def test_frames_of_a_clip_have_no_common_graph_unless_the_prior_cannot_cut_it():

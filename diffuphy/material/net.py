@@ -8,12 +8,14 @@ moved, turned or listed in another order has the same material.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import get_args
 
 import torch
 from torch import Tensor, nn
 
+from diffuphy.material import pretrained
 from diffuphy.material.decoder import Bounds, Decoder, GateName
 from diffuphy.material.encoder import N_FEATURES, Encoder, Points
 from diffuphy.material.field import take
@@ -52,8 +54,16 @@ class Net:
     """Slope of the parameters before their sigmoid [-], for the same reason."""
     seed: int = 0
     """Seed of the initial weights."""
+    pretrained: str | None = field(default=None, metadata={"content": lambda file: (Path(file),) if file else ()})
+    """Weights of an encoder trained before on other objects, a file of ``benchmarks/pretrain.py``; null draws them:
+    after a scan no gain was measured (docs/benchmarks/pretrain.md)."""
 
     def __post_init__(self) -> None:
+        if self.pretrained is not None and not Path(self.pretrained).is_file():
+            raise ValueError(
+                f"net.pretrained = {self.pretrained!r} is no file; make one with `python -m benchmarks pretrain`, "
+                "or leave it null"
+            )
         for name in ("groups", "group_size", "width", "heads"):
             if getattr(self, name) < 1:
                 raise ValueError(f"net.{name} must be at least 1, got {getattr(self, name)}")
@@ -132,6 +142,8 @@ class MaterialNet(nn.Module):
         self.own = net.own
         self.decoder.check(start)
         _initialise(self, torch.Generator().manual_seed(net.seed))
+        if net.pretrained is not None:
+            pretrained.load(self.encoder, Path(net.pretrained))
         self.to(points.x.device, points.x.dtype)
         for name in ("w_e", "w_p", "rho"):
             self.register_buffer(f"start_{name}", getattr(start, name).detach().clone())

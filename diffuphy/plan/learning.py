@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from diffuphy.plan.line import Line
@@ -56,6 +57,7 @@ def training_lines(fit: Any) -> list[Line]:
     return [
         Line("learnt parameters", ", ".join(fit.learn), "the others are the table's"),
         Line("gate", fit.net.gate, gates[fit.net.gate]) if mixed else Line("gate", "left out", "one law"),
+        *([Line("encoder", "pre-trained", f"weights of {Path(given).name}")] if (given := fit.net.pretrained) else ()),
         Line.kept("refinement", few, f"the {fit.refine} best choices of laws take {fit.refine_steps} steps each",
                   "one choice of laws" if not choice else "material.refine=1 or refine_steps=0"),
         Line.kept("early stop", bool(fit.patience), f"{fit.patience} scores without progress end the training",

@@ -2,12 +2,14 @@
 
 import dataclasses
 import json
+import math
 from typing import Any
 
 import pytest
 import torch
 
 from diffuphy.learning.appearance import appearance
+from diffuphy.learning.descent import descend
 from diffuphy.learning.fit_material import FitMaterial
 from diffuphy.learning.probe import Probe, TableClips
 from diffuphy.learning.scan import region_values
@@ -103,6 +105,23 @@ def test_training_moves_the_stiffness_towards_the_reference():
     for start in (truth - 0.6, truth + 0.6):
         field = run(stage(stiffness_steps=0, start=start, steps=6, lr_region=0.15, stiffness=(3.5, 7.0)))
         assert abs(float(field.theta["E"].log10().mean()) - truth) < 0.9 * 0.6
+
+
+def test_stiffness_and_yield_stress_are_learnt_together():
+    """From twice the stiffness and twice the yield stress of the reference, both errors |ln θ/θ*| fall; their ratio
+    is seen much less than their size."""
+    component = stage(plastic=("von_mises",), elastic=("hencky",), learn=("E", "yield_stress"), lr_region=0.15)
+    case = made(component, "playdoh")
+    (true,) = region_values(case.table, case.labels)
+    off = {"E": 2 * true["theta"]["E"], "yield_stress": 2 * true["theta"]["yield_stress"]}
+    start = {"elastic": "hencky", "plastic": "von_mises", "theta": true["theta"] | off, "rho": true["rho"]}
+    model = component.model(case, [start])
+    descend(case, model, dataclasses.replace(component.descent(6), patience=0), Workspace())
+    with torch.no_grad():
+        found = model().theta
+    for name in off:
+        error = abs(math.log(float(found[name].log().mean().exp()) / true["theta"][name]))
+        assert error < 0.9 * math.log(2), name
 
 
 WHOLE: dict[str, Any] = {}
@@ -204,8 +223,8 @@ def test_every_velocity_loss_runs_and_its_value_is_finite(form):
     assert bool(torch.isfinite(field.theta["E"]).all())
 
 
-def made(component):
-    return component.case(LOOK, Motion("falling", "x", {"": "rubber"}, 0.4), *ball())
+def made(component, material="rubber"):
+    return component.case(LOOK, Motion("falling", "x", {"": material}, 0.4), *ball())
 
 
 def test_reference_clips_are_another_draw_of_particles():
