@@ -33,9 +33,9 @@ Where it fails, and why:
   discretisation does to the clip goes into ν; E stays right. State ν, or learn E alone.
 - *E of what yields*: the clip shows the yield stress seven times as well as E, and the error of the discretisation goes
   into E.
-- *Two halves*: a stiff half on a soft one hardly deforms, and against a finer reference the fit gives a third of the
-  contrast; with the same resolution a second minimum, far away, can fit as well as another draw of particles lets
-  anything fit.
+- *Two halves*: a stiff half on a soft one hardly deforms, and against a finer reference the fit finds a contrast
+  of 1.7 for one of 10; the other way round it is found. With the same resolution a second minimum, far away, can fit
+  as well as another draw of particles lets anything fit.
 - *Training alone from too soft a start*: E hardly moves for many steps, and the training ends by its patience or runs
   out of steps. From too stiff a start it came down in every run so far. The scan is there for this.
 """
