@@ -15,7 +15,9 @@ from diffuphy.render.film.clip import Film
 from diffuphy.types import Camera, Errors, Motion, Trajectory
 from diffuphy.workspace import Workspace
 
-spec = importlib.util.spec_from_file_location("ball_of_stage", Path(__file__).parent / "test_fit_material.py")
+spec = importlib.util.spec_from_file_location(
+    "ball_of_stage", Path(__file__).parent / "learning" / "test_fit_material.py"
+)
 assert spec is not None and spec.loader is not None
 stage_tests = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(stage_tests)

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 import torch
-from tests.test_fit_material import ball, stage
 
 from diffuphy.artifact import Done, describe
 from diffuphy.evaluate import Evaluate, world
@@ -20,6 +19,7 @@ from diffuphy.scorecard import line, markdown, scorecard, section
 from diffuphy.shots import Shot, Turntable
 from diffuphy.types import Look, Motion, SimulationDiverged
 from diffuphy.workspace import Workspace
+from tests.learning.test_fit_material import ball, stage
 
 GAUSSIANS, PARTICLES = ball(9)
 LOOK, FALL = Look("ball", "a ball"), Motion("falling", "a jelly ball falling", {"": "jelly"}, 0.4)

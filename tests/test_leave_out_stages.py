@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 import torch
-from tests.test_fit_material import ball, run, stage
 
 import diffuphy.learning.fit_material as fit_module
 from diffuphy.artifact import Done
@@ -28,6 +27,7 @@ from diffuphy.render.film.floor import Shadow
 from diffuphy.render.kinematics import limit_stretch
 from diffuphy.types import N_SH, Motion, Trajectory
 from diffuphy.workspace import Workspace
+from tests.learning.test_fit_material import ball, run, stage
 from tests.mpm.bodies import field as material
 
 ROOT = Path(__file__).parents[1]

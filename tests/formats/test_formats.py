@@ -19,7 +19,8 @@ from diffuphy.formats.run import absorbed, said
 from diffuphy.formats.splats import find
 from diffuphy.formats.surface import density, level, surface
 from diffuphy.geometry import covariances
-from diffuphy.render import ply, sh
+from diffuphy.render import sh
+from diffuphy.render.scenes import ply
 from diffuphy.types import Camera, Clip, Gaussians, MaterialField, Particles, Trajectory
 
 R = 0.2

@@ -9,7 +9,8 @@ import pytest
 import torch
 
 from diffuphy.geometry import rotations
-from diffuphy.render import capture, orbit, ply
+from diffuphy.render import orbit
+from diffuphy.render.scenes import capture, ply
 from diffuphy.render.scenes.placement import Placement
 from diffuphy.types import Gaussians
 from tests.captured import write_cameras

@@ -9,7 +9,8 @@ import pytest
 import torch
 from PIL import Image
 
-from diffuphy.render import capture, orbit
+from diffuphy.render import orbit
+from diffuphy.render.scenes import capture
 from diffuphy.render.scenes.photographs import files, rgba, shots
 from tests.captured import write_cameras
 from tests.photographed import one_picture, write_pictures

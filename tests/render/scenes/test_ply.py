@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from diffuphy.render import orbit, ply, render_gaussians
+from diffuphy.render import orbit, render_gaussians
+from diffuphy.render.scenes import ply
 from diffuphy.types import Gaussians
 
 

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from diffuphy.geometry import covariances
-from diffuphy.render import capture, ply, spz
+from diffuphy.render.scenes import capture, ply, spz
 from diffuphy.types import Gaussians
 
 PACKED = Path(__file__).parent / "packed"
