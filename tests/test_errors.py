@@ -1,8 +1,6 @@
 """The error of a film, estimated from coarse drafts of it."""
 
 import dataclasses
-import importlib.util
-from pathlib import Path
 
 import pytest
 import torch
@@ -14,14 +12,9 @@ from diffuphy.render import look_at
 from diffuphy.render.film.clip import Film
 from diffuphy.types import Camera, Errors, Motion, Trajectory
 from diffuphy.workspace import Workspace
+from tests.learning.test_fit_material import ball
 
-spec = importlib.util.spec_from_file_location(
-    "ball_of_stage", Path(__file__).parent / "learning" / "test_fit_material.py"
-)
-assert spec is not None and spec.loader is not None
-stage_tests = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(stage_tests)
-_, PARTICLES = stage_tests.ball(14)
+_, PARTICLES = ball(14)
 FALL = Motion("falling", "a ball falling", {"": "jelly"}, 0.4)
 FIELD = presets.field(presets.lookup("jelly"), len(PARTICLES))
 
@@ -97,7 +90,7 @@ def test_a_finished_draft_is_not_made_again(tmp_path, whole, monkeypatch):
 
 def test_no_draft_no_numbers_but_the_reason(caplog):
     """A body of 2½ cells of the draft is told, not filmed: every number is NaN, and the log warns."""
-    _, few = stage_tests.ball(10)
+    _, few = ball(10)
     field = presets.field(presets.lookup("jelly"), len(few))
     trajectory = SCENE(FALL, few, field, work=Workspace())
     errors = Estimate(scene=SCENE, film=Film())(FALL, few, field, trajectory, work=Workspace())

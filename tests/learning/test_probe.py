@@ -1,9 +1,7 @@
 """The drop test: one body, whichever of its particles the coarse copy keeps."""
 
 import dataclasses
-import importlib.util
 import math
-from pathlib import Path
 
 import pytest
 import torch
@@ -14,12 +12,9 @@ from diffuphy.losses import sds
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.losses.takes import Take
 from diffuphy.types import Look, Motion
+from tests.learning.test_fit_material import ball
 
-spec = importlib.util.spec_from_file_location("ball_of_stage", Path(__file__).parent / "test_fit_material.py")
-assert spec is not None and spec.loader is not None
-stage_tests = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(stage_tests)
-BALL = stage_tests.ball()
+BALL = ball()
 PROBE = Probe(particles=200, frames=4, image=32)
 
 
