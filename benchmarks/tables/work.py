@@ -24,6 +24,7 @@ from diffuphy.learning.probe import table_field
 from diffuphy.making import conf_dir, make, slug
 from diffuphy.metrics.book import Book
 from diffuphy.metrics.score import Scores
+from diffuphy.plan.pictures import sized
 from diffuphy.quoting import protect
 from diffuphy.types import MaterialField, Particles, Prompt, SimulationDiverged, Trajectory
 
@@ -91,6 +92,7 @@ def _reference(components: dict[str, Any], store: Store) -> dict[str, Done]:
     """The first stages, and what the prior has in mind of this object."""
     inputs = ("prompt.look", "prompt.motion", "particles")
     stage = Stage("reference", Trajectory, components["reference"], inputs)
+    components = components | sized(components)  # the particles of the film, as its plan resolves them
     return {d.name: d for d in store.run([*pipeline.stages(components)[:3], stage], "reference")}
 
 
