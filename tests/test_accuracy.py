@@ -104,7 +104,8 @@ def test_no_accuracy_changes_nothing():
     """The very same components, but for what a plan fills in."""
     mine = components()
     plan = make_plan(mine, PROMPT, accuracy=None)
-    assert all(plan.components[k] is mine[k] for k in ("gaussians", "particles", "trajectory"))
+    assert all(plan.components[k] is mine[k] for k in ("gaussians", "trajectory"))
+    assert dataclasses.replace(plan.components["particles"], pixel=mine["particles"].pixel) == mine["particles"]
     assert not any(line.what.startswith("accuracy") for line in plan.lines)
 
 
