@@ -19,7 +19,8 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
-from diffuphy.making import conf_dir, make_film
+from diffuphy.composing import conf_dir
+from diffuphy.making import make_film
 from diffuphy.quoting import FREE_TEXT, protect
 
 if TYPE_CHECKING:

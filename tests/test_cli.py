@@ -14,10 +14,10 @@ from pathlib import Path
 import pytest
 from hydra.core.hydra_config import HydraConfig
 
-from diffuphy import cli, making
+from diffuphy import cli, composing
 from diffuphy.cli import main
+from diffuphy.composing import conf_dir, slug
 from diffuphy.explain import nearest
-from diffuphy.making import conf_dir, slug
 from diffuphy.quoting import protect
 
 ROOT = Path(__file__).parents[1]
@@ -195,7 +195,7 @@ def test_film_hands_components_to_the_pipeline(conf, monkeypatch, tmp_path):
 )
 def test_a_component_gets_the_words_as_they_are(text):
     """However dollars and backslashes stand in them."""
-    (made,) = making.make({"prompt": {"_target_": "collections.UserString", "_args_": [text]}}).values()
+    (made,) = composing.make({"prompt": {"_target_": "collections.UserString", "_args_": [text]}}).values()
     assert made == text
 
 
@@ -269,8 +269,8 @@ def test_a_device_that_is_not_there_is_refused(monkeypatch, name, says):
 
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     with pytest.raises(ValueError, match=re.escape(says)):
-        making.device(name)
-    assert making.device("auto") == making.device("cpu") == "cpu"
+        composing.device(name)
+    assert composing.device("auto") == composing.device("cpu") == "cpu"
 
 
 def test_a_device_beyond_the_last_is_refused(monkeypatch):
@@ -278,9 +278,9 @@ def test_a_device_beyond_the_last_is_refused(monkeypatch):
 
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
-    assert [making.device(n) for n in ("auto", "cuda", "cuda:1")] == ["cuda", "cuda", "cuda:1"]
+    assert [composing.device(n) for n in ("auto", "cuda", "cuda:1")] == ["cuda", "cuda", "cuda:1"]
     with pytest.raises(ValueError, match="cuda:0 to cuda:1 are there"):
-        making.device("cuda:2")
+        composing.device("cuda:2")
 
 
 @pytest.mark.parametrize(

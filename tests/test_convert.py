@@ -8,8 +8,8 @@ from hydra import compose, initialize_config_dir
 from hydra.errors import InstantiationException
 from omegaconf import OmegaConf
 
+from diffuphy.composing import conf_dir, make
 from diffuphy.convert import main, name_of
-from diffuphy.making import conf_dir, make
 from diffuphy.physgaussian import material, played, read
 from diffuphy.settings import check
 

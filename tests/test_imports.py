@@ -44,11 +44,12 @@ MAY_IMPORT = {
     "export": {"formats"},
     "explain": set(),
     "settings": set(),
-    "making": {"quoting", "settings", "artifact", "plan", "pipeline", "deliverables", "formats", "viewer"},
-    "cli": {"quoting", "explain", "making", "artifact", "judgement", "scorecard"},
-    "doctor": {"models", "compiling", "making"},
+    "composing": {"quoting"},
+    "making": {"quoting", "composing", "settings", "artifact", "plan", "pipeline", "deliverables", "formats", "viewer"},
+    "cli": {"quoting", "explain", "composing", "making", "artifact", "judgement", "scorecard"},
+    "doctor": {"models", "compiling", "composing"},
     "viewer": {"types", "workspace", "geometry", "formats", "material", "mpm", "render", "accuracy"}
-    | {"explain", "making"},
+    | {"explain", "composing"},
     "__init__": {"making"},
     "__main__": {"cli"},
 }

@@ -12,13 +12,13 @@ from omegaconf import OmegaConf
 sys.path.insert(0, str(Path(__file__).parent))
 import tiny_models
 
-from diffuphy import cli, making
+from diffuphy import cli, composing
 from diffuphy.settings import check
 from diffuphy.types import Gaussians
 
 
 def composed(*overrides):
-    with initialize_config_dir(str(making.conf_dir()), version_base="1.3"):
+    with initialize_config_dir(str(composing.conf_dir()), version_base="1.3"):
         cfg = compose("train", overrides=["prompt=a corgi falling", "hydra.run.dir=.", *overrides])
     check(OmegaConf.to_container(cfg, resolve=True))
     return cfg

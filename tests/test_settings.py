@@ -7,7 +7,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from diffuphy.making import conf_dir
+from diffuphy.composing import conf_dir
 from diffuphy.settings import check, fits
 
 

@@ -29,9 +29,9 @@ def test_a_whole_run_needs_no_model_library():
     code = (
         f"import sys\nsys.modules.update(dict.fromkeys({(*ABSENT, 'imageio_ffmpeg', 'matplotlib')!r}))\n"
         "from hydra import compose, initialize_config_dir\nfrom hydra.utils import instantiate\n"
-        "from diffuphy import export, making, pipeline\nfrom diffuphy.plan import make_plan\n"
+        "from diffuphy import composing, export, pipeline\nfrom diffuphy.plan import make_plan\n"
         "from diffuphy.workspace import Workspace\n"
-        "with initialize_config_dir(str(making.conf_dir()), version_base='1.3'):\n"
+        "with initialize_config_dir(str(composing.conf_dir()), version_base='1.3'):\n"
         "    cfg = compose('train', ['prompt=a rubber burger falling', 'hydra.run.dir=.'])\n"
         "components = instantiate(cfg.stages, _convert_='all')\n"
         "prompt = components['prompt'](work=Workspace())\n"

@@ -13,7 +13,7 @@ import torch
 from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
 
-from diffuphy.making import conf_dir, device
+from diffuphy.composing import conf_dir, device
 from diffuphy.quoting import protect
 from diffuphy.text2gs.canonical_frame import canonical_frame
 from diffuphy.workspace import Workspace

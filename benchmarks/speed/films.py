@@ -68,9 +68,9 @@ def expected(film: Film) -> dict[str, Any]:
     from hydra import compose, initialize_config_dir
     from omegaconf import OmegaConf
 
+    from diffuphy.composing import conf_dir, make
     from diffuphy.cost.body import body
     from diffuphy.cost.stages import STAGES
-    from diffuphy.making import conf_dir, make
     from diffuphy.plan import make_plan
     from diffuphy.quoting import protect
     from diffuphy.workspace import Workspace

@@ -18,10 +18,10 @@ from benchmarks.tables.protocol import Task
 from benchmarks.tables.reference import error
 from diffuphy import pipeline
 from diffuphy.artifact import SCRATCH, Done, Stage, Store
+from diffuphy.composing import conf_dir, make, slug
 from diffuphy.deliverables import export
 from diffuphy.evaluate import world
 from diffuphy.learning.probe import table_field
-from diffuphy.making import conf_dir, make, slug
 from diffuphy.metrics.book import Book
 from diffuphy.metrics.score import Scores
 from diffuphy.plan.pictures import sized

@@ -8,11 +8,11 @@ import sys
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from diffuphy.composing import conf_dir, make
 from diffuphy.doctor.machine import Machine
 from diffuphy.doctor.needs import Need, choices, need
 from diffuphy.doctor.reach import reach
 from diffuphy.doctor.report import Report
-from diffuphy.making import conf_dir, make
 from diffuphy.models import Model, place, roles
 from diffuphy.models.cache import kept
 

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from diffuphy.making import conf_dir, device, set_threads
+from diffuphy.composing import conf_dir, device, set_threads
 from diffuphy.viewer.server import LOCAL, PORT, directions, serve
 
 

@@ -86,7 +86,7 @@ def _components(folder: Path, motion: Motion) -> dict[str, Any]:
     from omegaconf import OmegaConf
 
     from diffuphy.accuracy import choose
-    from diffuphy.making import make
+    from diffuphy.composing import make
 
     file = folder / ".hydra" / "config.yaml"
     if not file.exists():

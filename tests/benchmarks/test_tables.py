@@ -11,7 +11,7 @@ from benchmarks.tables.protocol import ABLATIONS, METHODS, PROMPTS, Task
 from benchmarks.tables.reference import children, error
 from benchmarks.tables.work import settings
 from diffuphy.artifact import Store, describe
-from diffuphy.making import make
+from diffuphy.composing import make
 from diffuphy.pipeline import stages
 from diffuphy.plan import make_plan
 from diffuphy.text2gs.refine.rules import Rules

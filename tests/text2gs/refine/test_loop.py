@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from loopback import Counting, Swatches, refinement
 
 from diffuphy.artifact import describe
-from diffuphy.making import conf_dir
+from diffuphy.composing import conf_dir
 from diffuphy.settings import check
 from diffuphy.text2gs.refine import Picture, Refined, Refinement, Rules, Unavailable
 from diffuphy.text2gs.refine.cache import Cached
