@@ -13,7 +13,7 @@ from torch import Tensor
 from diffuphy.formats.options import Options
 from diffuphy.formats.run import Run
 from diffuphy.geometry import covariances
-from diffuphy.render.sh import C0
+from diffuphy.render.sh import to_rgb
 from diffuphy.types import Gaussians
 
 log = logging.getLogger(__name__)
@@ -70,7 +70,7 @@ def thinned(g: Gaussians, count: int) -> Tensor:
 def _recorded(server: Any, run: Run, keep: Tensor, frames: range, seconds: float) -> str:
     """The page, frames ``seconds`` apart."""
     rest = run.skin.gaussians
-    rgb = (0.5 + C0 * rest.sh[keep, 0]).clamp(0, 1).numpy()
+    rgb = to_rgb(rest.sh[keep]).clamp(0, 1).numpy()
     opacity = rest.logit_opacities[keep, None].sigmoid().numpy()
     x = run.trajectory.x
     low, high = x.amin((0, 1)), x.amax((0, 1))

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from diffuphy.formats.options import Options
 from diffuphy.formats.run import Run
-from diffuphy.render.sh import C0
+from diffuphy.render.sh import to_rgb
 
 BLUR = 1.0
 """σ over the spacing of the particles [-]: φ varies by some per cent between them, and what is finer is
@@ -94,7 +94,7 @@ def surface(run: Run, t: int, resolution: int) -> Mesh:
     means, _ = run.moved(t)
     count = min(NEAREST, len(means))
     index = KDTree(means.numpy()).query(vertices.numpy(), k=list(range(1, count + 1)))[1]
-    rgb = (0.5 + C0 * run.skin.gaussians.sh[:, 0]).clamp(0, 1)
+    rgb = to_rgb(run.skin.gaussians.sh).clamp(0, 1)
     return Mesh(vertices, faces, rgb[torch.from_numpy(index)].mean(1))
 
 

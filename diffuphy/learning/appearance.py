@@ -27,7 +27,7 @@ def appearance(gaussians: Gaussians, particles: Particles) -> Points:
         index[filler] = nearest(particles.x[filler], means, 1)[1][:, 0]
     log_scales = gaussians.log_scales[index] + math.log(particles.scale)
     log_cov = log_covariances(gaussians.quats[index], log_scales)
-    colors = (0.5 + sh.C0 * gaussians.sh[index, 0]).clamp(0, 1)
+    colors = sh.to_rgb(gaussians.sh[index]).clamp(0, 1)
     opacities = gaussians.logit_opacities[index].sigmoid()
     rest = gaussians.sh[index, 1:]
     sheen = (rest.square().sum((1, 2)) / (4 * math.pi)).sqrt() if rest.shape[1] else torch.zeros_like(opacities)

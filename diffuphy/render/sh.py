@@ -67,7 +67,7 @@ def colors(sh: Tensor, means: Tensor, camera: Camera, F: Tensor | None = None) -
     """
     degree = degree_of(sh)
     if degree == 0:
-        return (0.5 + C0 * sh[:, 0]).clamp_min(0).expand(len(camera), -1, -1)
+        return to_rgb(sh).clamp_min(0).expand(len(camera), -1, -1)
     view = camera.viewmats.to(means)
     eyes = -(view[:, :3, :3].mT @ view[:, :3, 3:])[..., 0]
     d = means - eyes[:, None]  # (C, G, 3)
@@ -80,6 +80,11 @@ def colors(sh: Tensor, means: Tensor, camera: Camera, F: Tensor | None = None) -
 def from_rgb(rgb: Tensor) -> Tensor:
     """Coefficients of degree 0, shape (..., 1, 3), of colours (..., 3)."""
     return ((rgb - 0.5) / C0)[..., None, :]
+
+
+def to_rgb(sh: Tensor) -> Tensor:
+    """Colours (..., 3) of coefficients (..., K, 3) seen from nowhere in particular: ½ + C₀ sh₀, not clipped."""
+    return 0.5 + C0 * sh[..., 0, :]
 
 
 def cofactor(A: Tensor) -> Tensor:

@@ -10,7 +10,7 @@ from diffuphy.losses import sds
 from diffuphy.losses.guidance import Guidance
 from diffuphy.losses.sds import Weight
 from diffuphy.render import orbit
-from diffuphy.render.sh import C0
+from diffuphy.render.sh import to_rgb
 from diffuphy.types import Camera, Gaussians, Look
 
 
@@ -98,7 +98,7 @@ class ShapePrior:
         x = gaussians.means
         start = torch.randint(len(x), (self.copies,), generator=generator, device=generator.device)
         index = farthest_points(x.detach(), min(self.points, len(x)), start)
-        rgb = 0.5 + C0 * gaussians.sh[:, 0]  # what does not depend on the view
+        rgb = to_rgb(gaussians.sh)
         rgb = rgb if self.colours else rgb.detach()
         cond = self._condition(look, x.device, generator)
         t = self.t_min + (self.t_max - self.t_min) * torch.rand(

@@ -16,7 +16,7 @@ from diffuphy.render import Skin
 from diffuphy.render.film.around import Around, Scenery, with_scenery
 from diffuphy.render.film.paint import PAINTED, Measured, Mixed, Moment, Painter, onto_gaussians, painter
 from diffuphy.render.kinematics import limit_stretch
-from diffuphy.render.sh import C0, from_rgb
+from diffuphy.render.sh import from_rgb, to_rgb
 from diffuphy.types import Gaussians, MaterialField, Particles, Trajectory
 
 VIEWS = ("colour", *PAINTED)
@@ -43,7 +43,7 @@ class Splats(NamedTuple):
 def _resting(g: Gaussians) -> tuple[Tensor, Tensor, Tensor]:
     """R S, colours seen from nowhere in particular (the constant term), and opacities."""
     axes = rotations(g.quats) * g.log_scales.exp()[:, None, :]
-    return axes, (0.5 + C0 * g.sh[:, 0]).clamp(0, 1), g.logit_opacities.sigmoid()[:, None]
+    return axes, to_rgb(g.sh).clamp(0, 1), g.logit_opacities.sigmoid()[:, None]
 
 
 def still(gaussians: Gaussians) -> Splats:
