@@ -80,14 +80,22 @@ class Probe:
             scheme=Scheme(contact=self.contact),
         )
 
-    def bench(self, gaussians: Gaussians, particles: Particles, size: float) -> "Bench":
-        """Set the experiment up for one object."""
-        draft, _ = coarsen(particles, n=self.particles, seed=self.seed)
+    def bench(
+        self, gaussians: Gaussians, particles: Particles, size: float, kind: Tensor | None = None
+    ) -> "Bench":
+        """Set the experiment up for one object.
+
+        Args:
+            size: longest side of the object [m].
+            kind: what may be of different materials, shape (N,), int64; the draft keeps the volume of each.
+        """
+        draft, kept = coarsen(particles, n=self.particles, seed=self.seed, kind=kind)
         scene = self.scene(draft.spacing * self.particles_per_cell ** (1 / 3), size)
         # the body hangs at its height, whichever of its particles the draft kept: half a spacing is a frame of the fall
         above = float(draft.x[:, 2].min() - particles.x[:, 2].min())
         scene = dataclasses.replace(scene, lift=self.gap * size + above)
-        return Bench(self, scene, draft, Skin.bind(gaussians, draft, k=self.skin), self.camera(draft, size), size)
+        skin = Skin.bind(gaussians, draft, k=self.skin)
+        return Bench(self, scene, draft, kept, skin, self.camera(draft, size), size)
 
     def camera(self, draft: Particles, size: float) -> Camera:
         """One camera that sees the object from its start down to the floor, whatever it does there."""
@@ -107,6 +115,8 @@ class Bench:
     scene: Scene
     draft: Particles
     """The coarse copy."""
+    kept: Tensor
+    """Which particle of the object each of the draft is, shape (N,), int64."""
     skin: Skin
     camera: Camera
     size: float
