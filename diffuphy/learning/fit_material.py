@@ -28,7 +28,7 @@ from diffuphy.losses.sds import Weight
 from diffuphy.losses.takes import Takes
 from diffuphy.losses.velocity import Velocity
 from diffuphy.material import Param
-from diffuphy.material.decoder import bounded, coordinate, inside
+from diffuphy.material.decoder import coordinate, inside
 from diffuphy.material.encoder import Points
 from diffuphy.material.field import Hypothesis, harden, prune, take, warm_start
 from diffuphy.material.net import MaterialNet, Net
@@ -96,11 +96,15 @@ class FitMaterial:
     """Learning rate of the network; 1e-2 oscillates."""
     lr_region: float = 0.08
     """Learning rate of each region's common shift of its parameters."""
+    lr_laws: float = 0.08
+    """Learning rate of each region's common shift of its gates."""
     smooth: float = 1e-3
     """Weight of the variance of log10 E inside a region [1/dex²]: particles differ only where the clip says so, and a
     few stiff ones do not set the time step of the film; 0 leaves it out."""
     curriculum: tuple[int, ...] = ()
     """Frames of the clip in equal parts of the run; () is all frames after a scan, 5-7-9-all without one."""
+    blur: tuple[float, ...] = ()
+    """Low-pass of the clip in equal parts of the run, the last being sharp [shares of the picture's height]."""
     weight: Weight = "x0"
     """w(t) of the distillation; σ/α makes the gradient of the exact prior that of a squared error."""
     t_range: tuple[float, float] = (0.02, 0.98)
@@ -224,7 +228,7 @@ class FitMaterial:
             takes=self.takes, estimator=self.estimator, weight=self.weight, t_range=self.t_range,
             velocity=self.velocity, gate_time=self.gate_time,
             curriculum=self.curriculum or (() if self.stiffness_steps else (5, 7, 9, everything)),
-            patience=self.patience, seed=self.seed,
+            blur=self.blur, patience=self.patience, seed=self.seed,
         )  # fmt: skip
 
     # ------------------------------------------------------------------ what is trained
@@ -255,10 +259,10 @@ class FitMaterial:
 class RegionalNet(Model):
     """The network's field, each region moved as a whole by a shift of its own.
 
-        c(θ_p) = bounded(net_p, s_{r(p)})
+        w_p, θ_p = decoder(net_p + s_{r(p)})
 
     A region's shift moves with a large step what its particles have in common, the network with a small one what
-    tells them apart; see ``decoder.bounded``.
+    tells them apart; of the laws as of the parameters. See ``decoder.Decoder``.
     """
 
     def __init__(self, net: MaterialNet, labels: Tensor, settings: FitMaterial):
@@ -266,24 +270,26 @@ class RegionalNet(Model):
         self.net, self.settings = net, settings
         self.params = net.decoder.params
         self.register_buffer("labels", labels)
+        *gates, params = net.decoder.split
         regions = int(labels.max()) + 1
-        self.shift = torch.nn.Parameter(torch.zeros(regions, len(self.params), device=labels.device))
+        self.laws, self.shift = (
+            torch.nn.Parameter(torch.zeros(regions, n, device=labels.device)) for n in (sum(gates), params)
+        )
 
     def forward(self) -> MaterialField:
-        return self._moved(self.net(), self.labels)
+        return self.net(shift=self._shift(self.labels))
 
     def at(self, points: Points, draft: Tensor) -> MaterialField:
-        return self._moved(self.net(points, take(self.net.start, draft)), self.labels[draft])
+        return self.net(points, take(self.net.start, draft), self._shift(self.labels[draft]))
 
-    def _moved(self, field: MaterialField, labels: Tensor) -> MaterialField:
-        gain, theta = self.settings.net.param_gain, field.theta
-        moved = {p.name: bounded(p, theta[p.name], self.shift[labels, i], gain) for i, p in enumerate(self.params)}
-        return dataclasses.replace(field, theta=theta | moved)
+    def _shift(self, labels: Tensor) -> Tensor:
+        return torch.cat([self.laws, self.shift], 1)[labels]
 
     def groups(self) -> list[dict[str, Any]]:
         return [
             {"params": list(self.net.parameters()), "lr": self.settings.lr},
             {"params": [self.shift], "lr": self.settings.lr_region},
+            {"params": [self.laws], "lr": self.settings.lr_laws},
         ]
 
     def penalty(self, field: MaterialField) -> Tensor | None:

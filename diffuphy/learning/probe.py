@@ -15,7 +15,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from diffuphy.losses.takes import Take
+from diffuphy.losses.takes import Take, low_pass
 from diffuphy.losses.velocity import Velocity, centroid
 from diffuphy.losses.video import by_frames
 from diffuphy.material import presets
@@ -212,7 +212,8 @@ class Bench:
 
         def draw(x: Tensor, F: Tensor) -> Tensor:
             means, F_g = self.skin(x, F)
-            return render_gaussians(gaussians, camera, means=means, F=F_g, background=background).rgb[0]
+            picture = render_gaussians(gaussians, camera, means=means, F=F_g, background=background).rgb[0]
+            return low_pass(picture, background, take.blur * self.probe.image) if take.blur else picture
 
         return draw
 
