@@ -95,7 +95,7 @@ class Probe:
         above = float(draft.x[:, 2].min() - particles.x[:, 2].min())
         scene = dataclasses.replace(scene, lift=self.gap * size + above)
         skin = Skin.bind(gaussians, draft, k=self.skin)
-        return Bench(self, scene, draft, kept, skin, self.camera(draft, size), size)
+        return Bench(self, scene, draft, skin, self.camera(draft, size), size, kept)
 
     def camera(self, draft: Particles, size: float) -> Camera:
         """One camera that sees the object from its start down to the floor, whatever it does there."""
@@ -115,12 +115,12 @@ class Bench:
     scene: Scene
     draft: Particles
     """The coarse copy."""
-    kept: Tensor
-    """Which particle of the object each of the draft is, shape (N,), int64."""
     skin: Skin
     camera: Camera
     size: float
     """Longest side of the object [m]."""
+    kept: Tensor | None = None
+    """Which particle of the object each of the draft is, shape (N,), int64; None: the draft is the object."""
 
     def simulate(
         self,
