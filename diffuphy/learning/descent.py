@@ -108,7 +108,7 @@ class Descent:
         return min(total, self._stage(self.curriculum or (total,), step))
 
     def blurred(self, step: int) -> float:
-        """Low-pass at a step, as a share of the picture's height: what is far away has to be found before its outline."""
+        """Low-pass at a step, as a share of the picture's height: places before outlines."""
         return self._stage((*self.blur, 0.0), step)
 
     def _stage(self, stages: tuple[Any, ...], step: int) -> Any:

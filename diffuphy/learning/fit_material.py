@@ -14,24 +14,22 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, get_args
 
 import torch
-from torch import Tensor
 
 from diffuphy.learning.case import Case, Segment, parameters
-from diffuphy.learning.descent import Descent, Model, descend
+from diffuphy.learning.descent import Descent, descend
 from diffuphy.learning.identifiability import RHO_UNSEEN, certainty
 from diffuphy.learning.probe import Probe
+from diffuphy.learning.regional import RegionalNet
 from diffuphy.learning.scan import region_values, scan
 from diffuphy.learning.verdict import film_field, verdict
 from diffuphy.losses.estimators import SDS, Estimator
-from diffuphy.losses.regularize import spread
 from diffuphy.losses.sds import Weight
 from diffuphy.losses.takes import Takes
 from diffuphy.losses.velocity import Velocity
 from diffuphy.material import Param
-from diffuphy.material.decoder import coordinate, inside
-from diffuphy.material.encoder import Points
-from diffuphy.material.field import Hypothesis, harden, prune, take, warm_start
-from diffuphy.material.net import MaterialNet, Net
+from diffuphy.material.decoder import inside
+from diffuphy.material.field import Hypothesis, harden, prune, warm_start
+from diffuphy.material.net import Net
 from diffuphy.material.presets import lookup
 from diffuphy.types import Gaussians, Look, MaterialField, Motion, Particles
 from diffuphy.workspace import Workspace
@@ -179,7 +177,7 @@ class FitMaterial:
             segment=self.segment,
         )  # fmt: skip
 
-    def fit(self, case: Case, work: Workspace) -> "RegionalNet":
+    def fit(self, case: Case, work: Workspace) -> RegionalNet:
         """Scan, refine the best few, train the best of these; continues from the checkpoint of ``work``."""
         state = work.load() or {}
         if "starts" not in state:
@@ -212,7 +210,10 @@ class FitMaterial:
             lo, hi = self.stiffness
             steps = max(2, self.stiffness_steps // (int(case.labels.max()) + 1))  # a joint scan grows like a power
             grid = torch.linspace(lo + 0.1, hi - 0.1, steps, dtype=torch.float64).tolist()
-            found = scan(case, grid, frames=self.scan_frames, weight=self.weight, work=work, known=known)
+            found = scan(
+                case, grid, frames=self.scan_frames, weight=self.weight, work=work, known=known,
+                batched=case.bench.draft.x.is_cuda,
+            )  # fmt: skip
             return found[: self.refine]
         open_ones = [
             {"elastic": None, "plastic": None, "theta": r["theta"] | {"E": 10**self.start}, "rho": r["rho"]}
@@ -232,14 +233,17 @@ class FitMaterial:
         )  # fmt: skip
 
     # ------------------------------------------------------------------ what is trained
-    def model(self, case: Case, start: list[dict[str, Any]]) -> "RegionalNet":
+    def model(self, case: Case, start: list[dict[str, Any]]) -> RegionalNet:
         """The network that begins at a hypothesis for each region."""
         learn, table = self._learnt(case), case.table
         begin = warm_start(table.elastic, table.plastic, case.labels, [Hypothesis(**h) for h in start])
         begin = dataclasses.replace(begin, theta=inside(learn, begin.theta))
         if self.net.gate == "start":
             begin = prune(begin).field
-        return RegionalNet(self.net.build(case.points, begin, learn), case.labels, self)
+        return RegionalNet(
+            self.net.build(case.points, begin, learn), case.labels,
+            lr=self.lr, lr_region=self.lr_region, lr_laws=self.lr_laws, smooth=self.smooth,
+        )  # fmt: skip
 
     def _learnt(self, case: Case) -> list[Param]:
         """The parameters to learn, Young's modulus with the bounds of this fit.
@@ -254,47 +258,3 @@ class FitMaterial:
             )
         lo, hi = (10**e for e in self.stiffness)
         return [dataclasses.replace(known[n], lo=lo, hi=hi) if n == "E" else known[n] for n in self.learn]
-
-
-class RegionalNet(Model):
-    """The network's field, each region moved as a whole by a shift of its own.
-
-        w_p, θ_p = decoder(net_p + s_{r(p)})
-
-    A region's shift moves with a large step what its particles have in common, the network with a small one what
-    tells them apart; of the laws as of the parameters. See ``decoder.Decoder``.
-    """
-
-    def __init__(self, net: MaterialNet, labels: Tensor, settings: FitMaterial):
-        super().__init__()
-        self.net, self.settings = net, settings
-        self.params = net.decoder.params
-        self.register_buffer("labels", labels)
-        *gates, params = net.decoder.split
-        regions = int(labels.max()) + 1
-        self.laws, self.shift = (
-            torch.nn.Parameter(torch.zeros(regions, n, device=labels.device)) for n in (sum(gates), params)
-        )
-
-    def forward(self) -> MaterialField:
-        return self.net(shift=self._shift(self.labels))
-
-    def at(self, points: Points, draft: Tensor) -> MaterialField:
-        return self.net(points, take(self.net.start, draft), self._shift(self.labels[draft]))
-
-    def _shift(self, labels: Tensor) -> Tensor:
-        return torch.cat([self.laws, self.shift], 1)[labels]
-
-    def groups(self) -> list[dict[str, Any]]:
-        return [
-            {"params": list(self.net.parameters()), "lr": self.settings.lr},
-            {"params": [self.shift], "lr": self.settings.lr_region},
-            {"params": [self.laws], "lr": self.settings.lr_laws},
-        ]
-
-    def penalty(self, field: MaterialField) -> Tensor | None:
-        """The variance of each learnt parameter inside a region."""
-        if not self.settings.smooth:
-            return None
-        inside = [spread(coordinate(p, field.theta[p.name]), self.labels) for p in self.params]
-        return self.settings.smooth * torch.stack(inside).sum()

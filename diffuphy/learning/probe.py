@@ -80,9 +80,7 @@ class Probe:
             scheme=Scheme(contact=self.contact),
         )
 
-    def bench(
-        self, gaussians: Gaussians, particles: Particles, size: float, kind: Tensor | None = None
-    ) -> "Bench":
+    def bench(self, gaussians: Gaussians, particles: Particles, size: float, kind: Tensor | None = None) -> "Bench":
         """Set the experiment up for one object.
 
         Args:

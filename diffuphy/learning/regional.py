@@ -1,0 +1,59 @@
+"""What the material stage trains: the network, and what each region has in common."""
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from diffuphy.learning.descent import Model
+from diffuphy.losses.regularize import spread
+from diffuphy.material.decoder import coordinate
+from diffuphy.material.encoder import Points
+from diffuphy.material.field import take
+from diffuphy.material.net import MaterialNet
+from diffuphy.types import MaterialField
+
+
+class RegionalNet(Model):
+    """The network's field, each region moved as a whole by a shift of its own.
+
+        w_p, θ_p = decoder(net_p + s_{r(p)})
+
+    A region's shift moves with a large step what its particles have in common, the network with a small one what
+    tells them apart; of the laws as of the parameters. See ``decoder.Decoder``.
+
+    Args:
+        labels: region r of each draft particle, shape (N,), int64.
+        lr, lr_region, lr_laws: learning rates of the network, of the shifts of parameters and of those of gates.
+        smooth: weight of the variance of each parameter inside a region.
+    """
+
+    def __init__(self, net: MaterialNet, labels: Tensor, *, lr: float, lr_region: float, lr_laws: float, smooth: float):
+        super().__init__()
+        self.net, self.smooth, self.rates = net, smooth, (lr, lr_region, lr_laws)
+        self.params = net.decoder.params
+        self.register_buffer("labels", labels)
+        *gates, params = net.decoder.split
+        regions = int(labels.max()) + 1
+        self.shift = torch.nn.Parameter(torch.zeros(regions, params, device=labels.device))
+        self.laws = torch.nn.Parameter(torch.zeros(regions, sum(gates), device=labels.device))
+
+    def forward(self) -> MaterialField:
+        return self.net(shift=self._shift(self.labels))
+
+    def at(self, points: Points, draft: Tensor) -> MaterialField:
+        return self.net(points, take(self.net.start, draft), self._shift(self.labels[draft]))
+
+    def _shift(self, labels: Tensor) -> Tensor:
+        return torch.cat([self.laws, self.shift], 1)[labels]
+
+    def groups(self) -> list[dict[str, Any]]:
+        parts = list(self.net.parameters()), [self.shift], [self.laws]
+        return [{"params": p, "lr": rate} for p, rate in zip(parts, self.rates, strict=True)]
+
+    def penalty(self, field: MaterialField) -> Tensor | None:
+        """The variance of each learnt parameter inside a region."""
+        if not self.smooth:
+            return None
+        inside = [spread(coordinate(p, field.theta[p.name]), self.labels) for p in self.params]
+        return self.smooth * torch.stack(inside).sum()
