@@ -94,8 +94,6 @@ class FitMaterial:
     """Learning rate of the network; 1e-2 oscillates."""
     lr_region: float = 0.08
     """Learning rate of each region's common shift of its parameters."""
-    lr_laws: float = 0.08
-    """Learning rate of each region's common shift of its gates."""
     smooth: float = 1e-3
     """Weight of the variance of log10 E inside a region [1/dex²]: particles differ only where the clip says so, and a
     few stiff ones do not set the time step of the film; 0 leaves it out."""
@@ -242,7 +240,7 @@ class FitMaterial:
             begin = prune(begin).field
         return RegionalNet(
             self.net.build(case.points, begin, learn), case.labels,
-            lr=self.lr, lr_region=self.lr_region, lr_laws=self.lr_laws, smooth=self.smooth,
+            lr=self.lr, lr_region=self.lr_region, smooth=self.smooth,
         )  # fmt: skip
 
     def _learnt(self, case: Case) -> list[Param]:

@@ -1,5 +1,6 @@
 """What the material stage trains: the network, and what each region has in common."""
 
+import dataclasses
 from typing import Any
 
 import torch
@@ -7,7 +8,7 @@ from torch import Tensor
 
 from diffuphy.learning.descent import Model
 from diffuphy.losses.regularize import spread
-from diffuphy.material.decoder import coordinate
+from diffuphy.material.decoder import bounded, coordinate
 from diffuphy.material.encoder import Points
 from diffuphy.material.field import take
 from diffuphy.material.net import MaterialNet

@@ -122,7 +122,7 @@ def _inner(p: Bounds) -> tuple[float, float]:
 class Decoder(nn.Module):
     """Features of each point and a start field → a material field.
 
-        w = gate(b w_0 + g_w o_w),   θ = bounded(θ_0, o_θ),   o = head(features) + shift
+        w = gate(b w_0 + g_w o_w),   θ = bounded(θ_0, o_θ),   o = head(features)
 
     A one-hot start w_0 puts the bias b on that expert; a uniform start puts nothing anywhere. A gate of one expert and
     parameters that are not learnt take no part in the network and pass through unchanged, ``rho`` always does.
@@ -158,7 +158,6 @@ class Decoder(nn.Module):
         self.kind, self.bias, self.gate_gain, self.param_gain = kind, bias, gate_gain, param_gain
         free = [len(e) if len(e) > 1 and kind != "start" else 0 for e in (self.elastic, self.plastic)]
         self.split = [*free, len(self.params)]
-        """Outputs for the elastic gates, the plastic gates and the parameters."""
         if not sum(self.split):
             raise ValueError(
                 f"nothing to learn: one elastic expert {self.elastic}, one plastic {self.plastic} and no parameter; "
@@ -166,14 +165,9 @@ class Decoder(nn.Module):
             )
         self.head = nn.Sequential(nn.Linear(channels, width), nn.GELU(), nn.Linear(width, sum(self.split)))
 
-    def forward(self, features: Tensor, start: MaterialField, shift: Tensor | None = None) -> MaterialField:
-        """Features (N, channels) and the start of the same N points → their field.
-
-        Args:
-            shift: added to the outputs of the head, shape (N, Σ ``split``): elastic gates, plastic gates, parameters.
-        """
-        o = self.head(features)
-        o_e, o_p, o_theta = (o if shift is None else o + shift).split(self.split, -1)
+    def forward(self, features: Tensor, start: MaterialField) -> MaterialField:
+        """Features (N, channels) and the start of the same N points → their field."""
+        o_e, o_p, o_theta = self.head(features).split(self.split, -1)
         theta = dict(start.theta)
         for i, p in enumerate(self.params):
             theta[p.name] = bounded(p, start.theta[p.name], o_theta[:, i], self.param_gain)

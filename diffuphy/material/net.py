@@ -192,15 +192,12 @@ class MaterialNet(nn.Module):
         index = nearest(x, self.draft[:, :3], 1)[1][:, 0]
         return take(self.start, index)
 
-    def forward(
-        self, points: Points | None = None, start: MaterialField | None = None, shift: Tensor | None = None
-    ) -> MaterialField:
+    def forward(self, points: Points | None = None, start: MaterialField | None = None) -> MaterialField:
         """The material of any points of the object.
 
         Args:
             points: who asks; by default the draft particles the network was built with.
             start: their field to begin from; by default that of the nearest draft particle.
-            shift: added to the outputs of each of them before gates and bounds, see ``Decoder``.
 
         Returns:
             The field of these points, differentiable in the weights of the network; ``rho`` is the start's.
@@ -223,7 +220,7 @@ class MaterialNet(nn.Module):
             weight, near = interpolation(x, self.centres)
             start = start if start is not None else self.transfer(points)
         mixed = (tokens[near] * weight[..., None]).sum(1)
-        return self.decoder(torch.cat([mixed, own], 1) if self.own else mixed, start, shift)
+        return self.decoder(torch.cat([mixed, own], 1) if self.own else mixed, start)
 
 
 def _initialise(net: MaterialNet, generator: torch.Generator) -> None:
