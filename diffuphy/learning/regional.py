@@ -18,38 +18,38 @@ from diffuphy.types import MaterialField
 class RegionalNet(Model):
     """The network's field, each region moved as a whole by a shift of its own.
 
-        w_p, θ_p = decoder(net_p + s_{r(p)})
+        c(θ_p) = bounded(net_p, s_{r(p)})
 
     A region's shift moves with a large step what its particles have in common, the network with a small one what
-    tells them apart; of the laws as of the parameters. See ``decoder.Decoder``.
+    tells them apart; see ``decoder.bounded``.
 
     Args:
         labels: region r of each draft particle, shape (N,), int64.
-        lr, lr_region, lr_laws: learning rates of the network, of the shifts of parameters and of those of gates.
-        smooth: weight of the variance of each parameter inside a region.
+        lr, lr_region: learning rates of the network and of the shifts.
+        smooth: weight of the variance of each learnt parameter inside a region.
     """
 
-    def __init__(self, net: MaterialNet, labels: Tensor, *, lr: float, lr_region: float, lr_laws: float, smooth: float):
+    def __init__(self, net: MaterialNet, labels: Tensor, *, lr: float, lr_region: float, smooth: float):
         super().__init__()
-        self.net, self.smooth, self.rates = net, smooth, (lr, lr_region, lr_laws)
+        self.net, self.smooth, self.rates = net, smooth, (lr, lr_region)
         self.params = net.decoder.params
         self.register_buffer("labels", labels)
-        *gates, params = net.decoder.split
         regions = int(labels.max()) + 1
-        self.shift = torch.nn.Parameter(torch.zeros(regions, params, device=labels.device))
-        self.laws = torch.nn.Parameter(torch.zeros(regions, sum(gates), device=labels.device))
+        self.shift = torch.nn.Parameter(torch.zeros(regions, len(self.params), device=labels.device))
 
     def forward(self) -> MaterialField:
-        return self.net(shift=self._shift(self.labels))
+        return self._moved(self.net(), self.labels)
 
     def at(self, points: Points, draft: Tensor) -> MaterialField:
-        return self.net(points, take(self.net.start, draft), self._shift(self.labels[draft]))
+        return self._moved(self.net(points, take(self.net.start, draft)), self.labels[draft])
 
-    def _shift(self, labels: Tensor) -> Tensor:
-        return torch.cat([self.laws, self.shift], 1)[labels]
+    def _moved(self, field: MaterialField, labels: Tensor) -> MaterialField:
+        gain, theta = self.net.decoder.param_gain, field.theta
+        moved = {p.name: bounded(p, theta[p.name], self.shift[labels, i], gain) for i, p in enumerate(self.params)}
+        return dataclasses.replace(field, theta=theta | moved)
 
     def groups(self) -> list[dict[str, Any]]:
-        parts = list(self.net.parameters()), [self.shift], [self.laws]
+        parts = list(self.net.parameters()), [self.shift]
         return [{"params": p, "lr": rate} for p, rate in zip(parts, self.rates, strict=True)]
 
     def penalty(self, field: MaterialField) -> Tensor | None:
