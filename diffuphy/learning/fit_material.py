@@ -41,7 +41,7 @@ log = logging.getLogger(__name__)
 class FitMaterial:
     """Settings of the material stage."""
 
-    VERSION: ClassVar[int] = 5
+    VERSION: ClassVar[int] = 6
 
     guidance: Any
     """Video prior (``losses.guidance``); the analytic one is given the probe's reference clips."""
@@ -100,7 +100,8 @@ class FitMaterial:
     curriculum: tuple[int, ...] = ()
     """Frames of the clip in equal parts of the run; () is all frames after a scan, 5-7-9-all without one."""
     blur: tuple[float, ...] = ()
-    """Low-pass of the clip in equal parts of the run, the last being sharp [shares of the picture's height]."""
+    """Low-pass of the clip in equal parts of the run, the last being sharp [shares of the picture's height]; () is
+    sharp after a scan, an eighth at first without one: from too soft a start sharp pictures lead the wrong way."""
     weight: Weight = "x0"
     """w(t) of the distillation; σ/α makes the gradient of the exact prior that of a squared error."""
     t_range: tuple[float, float] = (0.02, 0.98)
@@ -227,7 +228,7 @@ class FitMaterial:
             takes=self.takes, estimator=self.estimator, weight=self.weight, t_range=self.t_range,
             velocity=self.velocity, gate_time=self.gate_time,
             curriculum=self.curriculum or (() if self.stiffness_steps else (5, 7, 9, everything)),
-            blur=self.blur, patience=self.patience, seed=self.seed,
+            blur=self.blur or (() if self.stiffness_steps else (1 / 8,)), patience=self.patience, seed=self.seed,
         )  # fmt: skip
 
     # ------------------------------------------------------------------ what is trained
