@@ -80,8 +80,7 @@ class Descent:
     curriculum: tuple[int, ...] = ()
     """Frames of the clip in equal parts of the run, the last part being all; () is all from the start."""
     blur: tuple[float, ...] = ()
-    """Low-pass of the clip in equal parts of the run, the last part being sharp [shares of the picture's height]; () is
-    sharp from the start."""
+    """Low-pass of the clip likewise, the last part being sharp [shares of the picture's height]."""
     check: int = 5
     """Steps from one score of the hardened field to the next; the best so far is what remains in the end."""
     patience: int = 3
@@ -108,7 +107,7 @@ class Descent:
         return min(total, self._stage(self.curriculum or (total,), step))
 
     def blurred(self, step: int) -> float:
-        """Low-pass at a step, as a share of the picture's height: places before outlines."""
+        """Low-pass at a step: where things are first, their outlines in the end."""
         return self._stage((*self.blur, 0.0), step)
 
     def _stage(self, stages: tuple[Any, ...], step: int) -> Any:
@@ -220,9 +219,8 @@ class _Trainer:
         take = dataclasses.replace(take, blur=s.blurred(number))
         field = self.model()
         reports: list[FrameReport] = []
-        trajectory = case.bench.simulate(
-            field, take.frames[-1], gate_time=s.gate_time, report=reports, gather=self.gather
-        )
+        to, gates = take.frames[-1], s.gate_time
+        trajectory = case.bench.simulate(field, to, gate_time=gates, report=reports, gather=self.gather)
         t = s.t_range[0] + (s.t_range[1] - s.t_range[0]) * float(torch.rand((), generator=self.generator))
         loss = distilled = case.cond.distil(
             trajectory, take, t=t, generator=self.generator, weight=s.weight, estimator=s.estimator
@@ -246,9 +244,8 @@ class _Trainer:
             if p.grad is not None and not bool(p.grad.isfinite().all())
         ]
         if bad:
-            raise FloatingPointError(
-                f"the gradient of {', '.join(bad)} is not finite; narrow material.stiffness or shorten the clip"
-            )
+            what = "is not finite; narrow material.stiffness or shorten the clip"
+            raise FloatingPointError(f"the gradient of {', '.join(bad)} {what}")
 
     def judge(self, run: Run, work: Workspace) -> bool:
         """Score the hardened field, keep it if it is the best; whether to go on.
@@ -289,11 +286,8 @@ class _Trainer:
 
     def state(self, run: Run) -> dict[str, Any]:
         """All that decides how the run goes on."""
-        return vars(run) | {
-            "model": self.model.state_dict(),
-            "optimiser": self.optimiser.state_dict(),
-            "rng": self.generator.get_state(),
-        }
+        optimiser, rng = self.optimiser.state_dict(), self.generator.get_state()
+        return vars(run) | {"model": self.model.state_dict(), "optimiser": optimiser, "rng": rng}
 
     def restore(self, state: dict[str, Any]) -> Run:
         """Go on from there."""
