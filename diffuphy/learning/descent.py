@@ -248,10 +248,8 @@ class _Trainer:
             raise FloatingPointError(f"the gradient of {', '.join(bad)} {what}")
 
     def judge(self, run: Run, work: Workspace) -> bool:
-        """Score the hardened field, keep it if it is the best; whether to go on.
-
-        Scores count against the patience of the run once the whole clip is shown, and sharp.
-        """
+        """Score the hardened field, keep it if it is the best; whether to go on: scores count against the patience of
+        the run once the whole clip is shown, and sharp."""
         s = self.settings
         with torch.no_grad():
             field = prune(harden(self.model())).field
