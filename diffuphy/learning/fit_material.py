@@ -101,7 +101,7 @@ class FitMaterial:
     """Frames of the clip in equal parts of the run; () is all frames after a scan, 5-7-9-all without one."""
     blur: tuple[float, ...] = ()
     """Low-pass of the clip in equal parts of the run, the last being sharp [shares of the picture's height]; () is
-    sharp after a scan, an eighth at first without one: from too soft a start sharp pictures lead the wrong way."""
+    sharp after a scan, 1/8 and 1/16 first without one: from too soft a start sharp pictures lead the wrong way."""
     weight: Weight = "x0"
     """w(t) of the distillation; σ/α makes the gradient of the exact prior that of a squared error."""
     t_range: tuple[float, float] = (0.02, 0.98)
@@ -228,7 +228,7 @@ class FitMaterial:
             takes=self.takes, estimator=self.estimator, weight=self.weight, t_range=self.t_range,
             velocity=self.velocity, gate_time=self.gate_time,
             curriculum=self.curriculum or (() if self.stiffness_steps else (5, 7, 9, everything)),
-            blur=self.blur or (() if self.stiffness_steps else (1 / 8,)), patience=self.patience, seed=self.seed,
+            blur=self.blur or (() if self.stiffness_steps else (1 / 8, 1 / 16)), patience=self.patience, seed=self.seed,
         )  # fmt: skip
 
     # ------------------------------------------------------------------ what is trained
