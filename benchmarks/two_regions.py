@@ -134,10 +134,10 @@ def landscape(seed: int, *, particles: int, image: int) -> dict[str, Any]:
 
 def landscape_section(rows: list[dict[str, Any]]) -> str:
     """Where the loss is lowest along E of the patty, beside the share of the patty."""
-    text = "\n## Why the modulus of the patty is off\n\nClip loss along log₁₀ E of the patty; law, yield stress and "
+    text = "\n## Where the loss is lowest\n\nClip loss along log₁₀ E of the patty; law, yield stress and "
     text += "bun are the reference's. The draft that is fitted and that of the reference are different draws of "
-    text += f"particles of one body, whose patty is {1 / 3:.0%} of its height, two or three particles; what share of "
-    text += "the volume it is differs from draw to draw.\n\n"
+    text += "particles of one body, whose patty is a third of its height, two or three particles; each draft keeps its "
+    text += "share of the volume.\n\n"
     text += "| particles | seed | patty, share of the volume: fitted | reference | lowest loss | at an error of "
     text += "| loss at the true E |\n|--:|--:|--:|--:|--:|--:|--:|\n"
     for r in rows:
@@ -156,10 +156,8 @@ def page(result: dict[str, Any]) -> str:
     text += f"An elastic bun ({BUN}) round a plastic patty ({PATTY}), four plastic laws possible for each. "
     text += f"{result['machine']}; {result['particles']} particles, {result['image']} px, at most {result['steps']} "
     text += "steps. *Right* counts seeds with the right law on at least 90 % of both parts; the rest are means over "
-    text += (
-        "the seeds, or one number a seed.\n\n| way | right | bun: right law | patty: right law | bun: error of log₁₀ E | patty | "
-        "clip loss of the mixture | hardened | CPU s |\n"
-    )
+    text += "the seeds, or one number a seed.\n\n| way | right | bun: right law | patty: right law "
+    text += "| bun: error of log₁₀ E | patty | clip loss of the mixture | hardened | CPU s |\n"
     text += "|---|--:|--:|--:|--:|--:|--:|--:|--:|\n"
     for way in WAYS:
         rows = [r for r in result["rows"] if r["way"] == way]
