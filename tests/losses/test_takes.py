@@ -124,8 +124,8 @@ def test_a_low_pass_widens_a_gaussian_by_its_variance_and_leaves_the_background(
 
 
 def test_blurred_pictures_of_bodies_far_apart_pull_together_and_sharp_ones_do_not():
-    """½ |g_a − g_b|² of two Gaussians d apart has the slope ∝ d exp(−d²/4s²): e^−36 at d = 12 s, a third of its greatest
-    with a low-pass of half the distance."""
+    """½ |g_a − g_b|² of two Gaussians d apart has the slope ∝ d exp(−d²/4s²): e^−36 at d = 12 s, and a third of its
+    greatest with a low-pass of half the distance."""
     goal, b = blob(12.0)
 
     def slope(row, blur):
