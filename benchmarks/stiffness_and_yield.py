@@ -1,6 +1,6 @@
 """Stiffness and yield stress learnt together: how much nearer training brings each, from four sides.
 
-    python -m benchmarks stiffness_and_yield              # a few minutes; goes on where it was killed
+    python -m benchmarks stiffness_and_yield              # two minutes; goes on where it was killed
     python -m benchmarks stiffness_and_yield --seeds 5    # more draws of the particles
 
 A ball of playdoh falls; the clip is that of another draw of its particles. Laws are known, E and σ_Y start at twice or
@@ -84,9 +84,9 @@ def page(rows: list[dict[str, Any]]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--starts", nargs="+", default=list(STARTS), choices=list(STARTS), metavar="START")
-    parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--particles", type=int, default=600)
-    parser.add_argument("--steps", type=int, default=20)
+    parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--particles", type=int, default=400)
+    parser.add_argument("--steps", type=int, default=12)
     parser.add_argument("--out", type=Path, default=OUT)
     options = parser.parse_args()
     torch.set_num_threads(1)
