@@ -111,6 +111,16 @@ def test_an_encoder_that_was_trained_before_is_told(tmp_path):
     assert not any(line.what == "encoder" for line in make_plan(components(), prompt("rubber")).lines)
 
 
+def test_a_clip_is_blurred_first_only_where_no_scan_came_before():
+    """And hypotheses go in one launch where there is a GPU."""
+    plan = make_plan(components(), prompt("rubber"))
+    assert decision(plan, "low-pass") == "left out" and decision(plan, "hypotheses") == "one by one"
+    alone = make_plan(components(stiffness_steps=0), prompt("rubber"))
+    assert "0.125, 0.0625 of the picture" in next(line.why for line in alone.lines if line.what == "low-pass")
+    assert not any(line.what == "hypotheses" for line in alone.lines)
+    assert decision(make_plan(components(), prompt("rubber"), device="cuda"), "hypotheses") == "batched"
+
+
 def test_frames_of_a_clip_have_no_common_graph_unless_the_prior_cannot_cut_it():
     class Causal(Analytic):
         frames_alone = False
