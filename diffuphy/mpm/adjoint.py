@@ -51,6 +51,7 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
     body, driven = variant.body, len(drives) > 0
     drive = make_drives(drives, real)
     drive_t, accelerate, accelerate_adjoint = drive.drive_t, drive.accelerate, drive.accelerate_adjoint
+    obstructs, holding = variant.obstructs, drive.holding
     hold, hold_adjoint, pushed, pushes = drive.hold, drive.hold_adjoint, drive.pushed, drive.impulses > 0
     scale = real(1 if variant.scheme.force == "classic" else 1 / variant.scheme.inertia)
     beside, wall_t = make_rows(variant).beside, make_rows(variant).wall_t
@@ -115,7 +116,11 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
         if wp.static(branched):
             tau_N, _flow_N = branch_stress(eye() + HN[r], HN[r], theta_p, dt)
             tau += tau_N
-        m_p = m[p]
+        m_p, vol_p = m[p], vol[p]
+        if wp.static(obstructs):
+            if holding(tag[p], drive_row, s):  # brings nothing
+                m_p = real(0.0)
+                vol_p = real(0.0)
         v_p = v[r]
         C_p = C[r]
         a_p = vec3()
@@ -127,7 +132,7 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
         phi, normal = beside(place, dx, wall_row, sdf, ws)
         S, S_f, A_bar, tau_bar, m_i, along = from_nodes(
             bar, base, n, bx, by, bz, f,
-            m_p, v_p, (m_p * dx) * C_p, (kick * m_p) * a_p, (-kick * scale * idx) * vol[p], tau, phi, normal,
+            m_p, v_p, (m_p * dx) * C_p, (kick * m_p) * a_p, (-kick * scale * idx) * vol_p, tau, phi, normal,
         )  # fmt: skip
         v_b, C_b, x_b = m_p * S, (m_p * dx) * A_bar, idx * along
         if wp.static(driven):
@@ -159,7 +164,8 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
         if need_theta:
             theta_bar[p] = theta_bar[p] + th_b
         if need_m:
-            m_bar[p] = m_bar[p] + wp.dot(S, v_p) + dx * wp.ddot(A_bar, C_p) + m_i + kick * wp.dot(S_f, a_p)
+            if m_p > real(0.0):
+                m_bar[p] = m_bar[p] + wp.dot(S, v_p) + dx * wp.ddot(A_bar, C_p) + m_i + kick * wp.dot(S_f, a_p)
 
     return p2g_adjoint
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from scipy.spatial import cKDTree
 from torch import Tensor
 
 from diffuphy.mpm.boundary.motion import Vec, direction, vector
@@ -127,3 +128,19 @@ def chosen(where: Any, x: Tensor) -> Tensor:
     mask = torch.zeros(len(x), dtype=torch.bool, device=x.device)
     mask[torch.tensor(where, device=x.device)] = True
     return mask
+
+
+def attached(held: Tensor, x: Tensor, reach: float) -> Tensor:
+    """Mask of the particles with another one that is held no farther away than ``reach``, shape (N,).
+
+    Args:
+        held: mask, shape (N,).
+        x: positions, shape (N, 3) [m].
+        reach: distance [m].
+    """
+    places, chosen_ones = x.double().cpu().numpy(), held.cpu().numpy()
+    if not chosen_ones.any():
+        return torch.zeros_like(held)
+    apart, _ = cKDTree(places[chosen_ones]).query(places, k=2, distance_upper_bound=reach)
+    nearest = np.where(chosen_ones, apart[:, 1], apart[:, 0])  # of what is held the first is itself
+    return torch.from_numpy(nearest <= reach).to(held.device)
