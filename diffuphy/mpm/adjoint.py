@@ -116,7 +116,7 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
         if wp.static(branched):
             tau_N, _flow_N = branch_stress(eye() + HN[r], HN[r], theta_p, dt)
             tau += tau_N
-        m_p, vol_p = m[p], vol[p]
+        m_p, vol_p = real(m[p]), real(vol[p])
         if wp.static(obstructs):
             if holding(tag[p], drive_row, s):  # brings nothing
                 m_p = real(0.0)
