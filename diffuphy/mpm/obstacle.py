@@ -16,6 +16,7 @@ stopped node is given: no gradient goes through it. Which nodes are marked, and 
 """
 
 from types import SimpleNamespace
+from typing import Any
 
 import warp as wp
 
@@ -40,12 +41,10 @@ def make_obstacle(variant: Variant) -> SimpleNamespace:
 
 
 def _make_obstacle(v: Variant) -> SimpleNamespace:
-    mark, join = _make_leaving(v)
-    pin, stops = _make_stopping(v)
-    return SimpleNamespace(mark=mark, join=join, pin=pin, stops=stops)
+    return SimpleNamespace(**_make_leaving(v), **_make_stopping(v))
 
 
-def _make_leaving(v: Variant) -> tuple[wp.Function, wp.Function]:
+def _make_leaving(v: Variant) -> dict[str, Any]:
     """What a particle leaves at its nodes: 0–2 V_p (v_p + C_p d), 3 V_p, 7 w m."""
     real, vec3, mat33, node_t = v.real, v.vec3, v.mat33, v.node_t
     transfer, rows, add = make_transfer(v.scheme, real), make_rows(v), make_simd(real).add
@@ -72,10 +71,10 @@ def _make_leaving(v: Variant) -> tuple[wp.Function, wp.Function]:
         else:
             scatter(pins, base, n, bx, by, bz, f, q, z, z, z)
 
-    return mark, join
+    return {"mark": mark, "join": join}
 
 
-def _make_stopping(v: Variant) -> tuple[wp.Function, wp.Function]:
+def _make_stopping(v: Variant) -> dict[str, Any]:
     real, vec3, node_t, mirror = v.real, v.vec3, v.node_t, v.mirror
     reflection, flat = make_reflection(v), make_places().flat
     summed, folded = reflection.summed, reflection.folded
@@ -121,4 +120,4 @@ def _make_stopping(v: Variant) -> tuple[wp.Function, wp.Function]:
         )
         return wp.dot(u - vec3(q[0], q[1], q[2]), slope) < real(0.0)
 
-    return pin, stops
+    return {"pin": pin, "stops": stops}

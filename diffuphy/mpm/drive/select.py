@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from scipy.spatial import cKDTree
 from torch import Tensor
 
 from diffuphy.mpm.boundary.motion import Vec, direction, vector
@@ -138,9 +137,11 @@ def attached(held: Tensor, x: Tensor, reach: float) -> Tensor:
         x: positions, shape (N, 3) [m].
         reach: distance [m].
     """
-    places, chosen_ones = x.double().cpu().numpy(), held.cpu().numpy()
-    if not chosen_ones.any():
+    from scipy.spatial import KDTree
+
+    places, mask = x.double().cpu().numpy(), held.cpu().numpy()
+    if not mask.any():
         return torch.zeros_like(held)
-    apart, _ = cKDTree(places[chosen_ones]).query(places, k=2, distance_upper_bound=reach)
-    nearest = np.where(chosen_ones, apart[:, 1], apart[:, 0])  # of what is held the first is itself
+    apart, _ = KDTree(places[mask]).query(places, k=2, distance_upper_bound=reach)
+    nearest = np.where(mask, apart[:, 1], apart[:, 0])  # of what is held the first is itself
     return torch.from_numpy(nearest <= reach).to(held.device)
