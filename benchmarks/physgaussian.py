@@ -105,14 +105,15 @@ SCENES = {
     for s in (
         Scene(
             "ficus", 1.0, sway,
-            ("+sample.cells=20", "scene.seconds=2", "scene.particles=1000000", "camera.azimuth=-90"),
+            ("+sample.cells=20", "scene.seconds=2", "scene.particles=1000000", "camera=resting",
+             "camera.azimuth=-90"),
             ("+sample.cells=8", "scene.seconds=1", "scene.particles=1000000"),
         ),
         Scene("wolf", 1.0, heap, ("+sample.cells=20", "+film.stretch=1.5"), ("+sample.cells=8",)),
         Scene("jam", 0.5, puddle, ("+sample.cells=16",), ("+sample.cells=8", "scene.seconds=1")),
         Scene(
             "can", 0.5, dent,
-            ("+sample.cells=20", *HOLLOW, "scene.seconds=0.6", "camera.azimuth=-70"),
+            ("+sample.cells=20", *HOLLOW, "scene.seconds=0.6", "camera=resting", "camera.azimuth=-70"),
             ("+sample.cells=18", *HOLLOW, *FOUR, "scene.seconds=0.4"),
         ),
         Scene(

@@ -61,7 +61,7 @@ def tags(drives: Sequence[Drive], x: Tensor, m: Tensor, dx: float, scenes: int =
     Args:
         x: positions at the beginning, shape (N, 3) [m].
         m: masses, shape (N,) [kg].
-        dx: node spacing; what is no farther from held matter is one piece with it [m].
+        dx: node spacing; what is nearer to held matter is one piece with it [m].
         scenes: scenes one after the other, which do not touch.
 
     Raises:

@@ -130,7 +130,7 @@ def chosen(where: Any, x: Tensor) -> Tensor:
 
 
 def attached(held: Tensor, x: Tensor, reach: float) -> Tensor:
-    """Mask of the particles with another one that is held no farther away than ``reach``, shape (N,).
+    """Mask of the particles with another one that is held nearer than ``reach``, shape (N,).
 
     Args:
         held: mask, shape (N,).
@@ -144,4 +144,4 @@ def attached(held: Tensor, x: Tensor, reach: float) -> Tensor:
         return torch.zeros_like(held)
     apart, _ = KDTree(places[mask]).query(places, k=2, distance_upper_bound=reach)
     nearest = np.where(mask, apart[:, 1], apart[:, 0])  # of what is held the first is itself
-    return torch.from_numpy(nearest <= reach).to(held.device)
+    return torch.from_numpy(np.isfinite(nearest)).to(held.device)
