@@ -174,3 +174,22 @@ def test_a_scene_without_held_matter_has_no_room_for_it(monkeypatch):
     assert "grid" in asked and not {"pins", "pin"} & set(asked)
     on_held(x, vol, slab, seconds=0.02, E=1e4)
     assert {"pins", "pin"} <= set(asked)
+
+
+def test_held_matter_on_a_mirror_is_the_same_for_every_number_of_threads():
+    """A slab that stands on a slip wall, whose nodes have images, and a body on it: each thread's rows are summed and
+    folded; what lies on it stands as on a rough wall in its place."""
+    x, vol, slab, top = over((5, 5, 2), (3, 3, 2))
+    scene = Scene(
+        dx=DX,
+        fps=50.0,
+        boundaries=(HalfSpace(kind="slip"),),
+        lift=None,
+        drives=(Held(where=tuple(range(slab)), attached=False),),
+    )
+    one, three = (
+        rollout(scene, x, vol, field(len(x), E=1e4), frames=10, threads=n).x for n in (1, 3)
+    )  # rounding of sums in another order, over some fifty substeps
+    torch.testing.assert_close(one, three, rtol=0, atol=1e-11)
+    want = on_wall(x, vol, slab, top, seconds=0.2, E=1e4)
+    torch.testing.assert_close(one[:, slab:], want, rtol=0, atol=1e-3 * DX)
