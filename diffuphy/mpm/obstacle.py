@@ -20,6 +20,7 @@ from typing import Any
 
 import warp as wp
 
+from diffuphy.mpm.drive import make_drives
 from diffuphy.mpm.mirror import make_reflection
 from diffuphy.mpm.places import make_places
 from diffuphy.mpm.rows import make_rows
@@ -35,8 +36,8 @@ SHARE = 0.5
 
 
 def make_obstacle(variant: Variant) -> SimpleNamespace:
-    """Warp functions ``mark`` and ``join`` of a particle; ``pin``, V_i and what the node is; ``stops``, whether it
-    follows the obstacle. Cached."""
+    """Warp functions of particles, ``mark``, ``join`` and ``brings``, the share of one that nodes get; and of nodes,
+    ``pin``, V_i and what the node is, and ``stops``, whether it follows the obstacle. Cached."""
     return variant.made(_make_obstacle)
 
 
@@ -71,7 +72,18 @@ def _make_leaving(v: Variant) -> dict[str, Any]:
         else:
             scatter(pins, base, n, bx, by, bz, f, q, z, z, z)
 
-    return {"mark": mark, "join": join}
+    drive, obstructs = make_drives(v.drives, real), v.obstructs
+    holding, drive_t = drive.holding, drive.drive_t
+
+    @wp.func(module="unique")
+    def brings(tag: wp.array[wp.int32], p: wp.int32, drive_row: wp.array2d[drive_t], s: wp.int32) -> real:
+        """0 of a particle that is held, 1 of any other."""
+        if wp.static(obstructs):
+            if holding(tag[p], drive_row, s):
+                return real(0.0)
+        return real(1.0)
+
+    return {"mark": mark, "join": join, "brings": brings}
 
 
 def _make_stopping(v: Variant) -> dict[str, Any]:
