@@ -105,15 +105,14 @@ SCENES = {
     for s in (
         Scene(
             "ficus", 1.0, sway,
-            ("+sample.cells=20", "scene.seconds=2", "scene.particles=1000000", "camera=resting",
-             "camera.azimuth=-90"),
+            ("+sample.cells=20", "scene.seconds=2", "scene.particles=1000000", "camera.azimuth=-90"),
             ("+sample.cells=8", "scene.seconds=1", "scene.particles=1000000"),
         ),
         Scene("wolf", 1.0, heap, ("+sample.cells=20", "+film.stretch=1.5"), ("+sample.cells=8",)),
         Scene("jam", 0.5, puddle, ("+sample.cells=16",), ("+sample.cells=8", "scene.seconds=1")),
         Scene(
             "can", 0.5, dent,
-            ("+sample.cells=20", *HOLLOW, "scene.seconds=0.6", "camera=resting", "camera.azimuth=-70"),
+            ("+sample.cells=20", *HOLLOW, "scene.seconds=0.6", "camera.azimuth=-70"),
             ("+sample.cells=18", *HOLLOW, *FOUR, "scene.seconds=0.4"),
         ),
         Scene(
@@ -130,7 +129,7 @@ visibly."""
 def command(scene: Scene, gaussians: Path, store: Path, *, tiny: bool = False) -> list[str]:
     """The arguments of ``train.py``."""
     return [f"prompt=a {scene.name} moving", "gaussians=physgaussian", f"gaussians.path={gaussians}",
-            "scene=physgaussian", f"scene.file={FILES / scene.name}.json", f"refine.default_size={scene.size}",
+            "scene=physgaussian", "camera=resting", f"scene.file={FILES / scene.name}.json", f"refine.default_size={scene.size}",
             f"store={store}", "device=cpu", "report.error=off", "evaluate.score=off",
             *((*scene.tiny, *TINY) if tiny else scene.options)]  # fmt: skip
 

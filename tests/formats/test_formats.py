@@ -260,6 +260,25 @@ def test_a_page_plays_the_motion(run: Run, tmp_path: Path) -> None:
     assert "__VISER_EMBED_DATA__" in text and '<script src="http' not in text and 'href="http' not in text
 
 
+def test_a_page_holds_what_stands_around_once(run: Run, tmp_path: Path) -> None:
+    """Eight words a Gaussian, half precision in part and compressed: at least eight bytes each, however many frames."""
+    pytest.importorskip("viser")
+    sizes = [
+        write(dataclasses.replace(run, around=around), ["html"], Options(tmp_path, gaussians=2000, **more))["html"][0]
+        .stat()
+        .st_size
+        for around, more in (
+            (None, {}),
+            (Stand(4000), {}),
+            (Stand(4000), {"page_frames": 1}),
+            (None, {"page_frames": 1}),
+        )
+    ]
+    plain, whole, whole_still, still = sizes
+    assert whole - plain > 8 * 2000
+    assert abs((whole - plain) - (whole_still - still)) < 0.1 * (whole - plain)
+
+
 @pytest.mark.slow
 def test_a_page_is_drawn_by_a_browser_without_the_network(run: Run, tmp_path: Path) -> None:
     """Headless Chromium, software WebGL: nothing is requested, and the ball is red in the middle."""
