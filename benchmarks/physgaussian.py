@@ -129,8 +129,8 @@ visibly."""
 def command(scene: Scene, gaussians: Path, store: Path, *, tiny: bool = False) -> list[str]:
     """The arguments of ``train.py``."""
     return [f"prompt=a {scene.name} moving", "gaussians=physgaussian", f"gaussians.path={gaussians}",
-            "scene=physgaussian", "camera=resting", f"scene.file={FILES / scene.name}.json", f"refine.default_size={scene.size}",
-            f"store={store}", "device=cpu", "report.error=off", "evaluate.score=off",
+            "scene=physgaussian", "camera=resting", f"scene.file={FILES / scene.name}.json",
+            f"refine.default_size={scene.size}", f"store={store}", "device=cpu", "report.error=off", "evaluate.score=off",
             *((*scene.tiny, *TINY) if tiny else scene.options)]  # fmt: skip
 
 
