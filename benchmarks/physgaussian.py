@@ -130,8 +130,8 @@ def command(scene: Scene, gaussians: Path, store: Path, *, tiny: bool = False) -
     """The arguments of ``train.py``."""
     return [f"prompt=a {scene.name} moving", "gaussians=physgaussian", f"gaussians.path={gaussians}",
             "scene=physgaussian", "camera=resting", f"scene.file={FILES / scene.name}.json",
-            f"refine.default_size={scene.size}", f"store={store}", "device=cpu", "report.error=off", "evaluate.score=off",
-            *((*scene.tiny, *TINY) if tiny else scene.options)]  # fmt: skip
+            f"refine.default_size={scene.size}", f"store={store}", "device=cpu",
+            "report.error=off", "evaluate.score=off", *((*scene.tiny, *TINY) if tiny else scene.options)]  # fmt: skip
 
 
 def run(scene: Scene, store: Path, count: int, options: list[str], *, tiny: bool = False) -> Path:
