@@ -4,21 +4,26 @@ import math
 
 import pytest
 import torch
+from PIL import Image
 
 from benchmarks.tables import gather, page, text
 from benchmarks.tables.gather import Mean, ahead
-from benchmarks.tables.protocol import ABLATIONS, METHODS, PROMPTS, Task
+from benchmarks.tables.look import SIDE, VIEWS, likeness
+from benchmarks.tables.protocol import ABLATIONS, METHODS, OBJECTS, PROMPTS, Task
 from benchmarks.tables.reference import children, error
 from benchmarks.tables.work import settings
 from diffuphy.artifact import Store, describe
 from diffuphy.composing import make
 from diffuphy.pipeline import stages
 from diffuphy.plan import make_plan
+from diffuphy.render import render_gaussians
+from diffuphy.render.sh import from_rgb
 from diffuphy.text2gs.refine.rules import Rules
-from diffuphy.types import Trajectory
+from diffuphy.types import Gaussians, Look, Trajectory
 from diffuphy.workspace import Workspace
 
-EVERY = dict(METHODS) | {k: v for k, v in ABLATIONS.items() if k != "full"}
+EVERY = dict(METHODS) | {k: v for k, v in (OBJECTS | ABLATIONS).items() if k != "full"}
+BESIDES = ("reference", "told")
 PROMPT = "a rubber burger falling"
 
 
@@ -31,7 +36,7 @@ def test_every_method_and_ablation_can_be_made_and_planned(variant):
     """Its settings make components, and the plan of a run says who finds the material."""
     components = make(composed(variant)["stages"])
     words = components["prompt"](work=Workspace())
-    plan = make_plan({k: v for k, v in components.items() if k != "reference"}, words)
+    plan = make_plan({k: v for k, v in components.items() if k not in BESIDES}, words)
     said = {line.what: line.decision for line in plan.lines}
     name = variant if variant in METHODS else "DiffuPhyGS"
     assert ("method" in said) == (name != "DiffuPhyGS")
@@ -50,6 +55,24 @@ def test_methods_share_the_stages_before_the_material(method, tmp_path):
     assert type(ours[3].run) is not type(theirs[3].run) and ours[4].run == theirs[4].run
 
 
+def test_without_a_mixture_the_plan_names_one_law():
+    """Not the candidates of the prompt, which nothing simulates."""
+    components = make(composed("w/o mixture")["stages"])
+    plan = make_plan({k: v for k, v in components.items() if k not in BESIDES}, components["prompt"](work=Workspace()))
+    assert (plan.components["material"].elastic, plan.components["material"].plastic) == (
+        ("fixed_corotated",),
+        ("identity",),
+    )
+
+
+@pytest.mark.parametrize("size", ["small", "default"])
+def test_a_ball_has_as_many_gaussians_as_the_start_it_replaces(size):
+    """What is left out is the shape of the start, and not its number."""
+    full, ball = (make(composed(v, size)["stages"])["gaussians"] for v in ("DiffuPhyGS", "w/o shape prior"))
+    assert type(ball.init).__name__ == "Ball" and ball.init.count == full.init.count
+    assert type(full.init).__name__ == "SurfaceCloud" and ball.densify == full.densify
+
+
 def test_what_is_changed_in_material_reaches_every_rival():
     changed = settings([*Task(PROMPT, 0, EVERY).overrides("PhysDreamer", "small", "cpu"), "material.probe.frames=5"])
     rival = make(changed["stages"])["material"]
@@ -61,7 +84,7 @@ def test_rivals_are_compared_with_our_untrained_network():
     overrides = Task(PROMPT, 0, EVERY).overrides("DreamPhysics", "small", "cpu")
     components = make(settings([*overrides, "evaluate.references=[0]"])["stages"])
     words = components["prompt"](work=Workspace())
-    plan = make_plan({k: v for k, v in components.items() if k != "reference"}, words)
+    plan = make_plan({k: v for k, v in components.items() if k not in BESIDES}, words)
     reference = plan.components["evaluate"].material
     assert hasattr(reference, "net") and reference.plastic and plan.components["evaluate"].references == (0,)
 
@@ -96,6 +119,39 @@ def test_error_is_the_distance_over_the_size():
     bent[1:, :10, 2] += 0.05
     bent[1:, 10:, 2] -= 0.05
     assert error(film(bent), film(x), weight, 0.5) == pytest.approx({"error": 0.1, "com": 0, "shape": 0.1}, abs=1e-6)
+
+
+def blob(side=0.5):
+    """Eight grey Gaussians at the corners of a cube."""
+    a = torch.tensor([-side, side])
+    means = torch.cartesian_prod(a, a, a)
+    turn = torch.tensor([1.0, 0, 0, 0]).repeat(8, 1)
+    return Gaussians(means, turn, torch.full((8, 3), -1.5), torch.full((8,), 4.0), from_rgb(torch.full((8, 3), 0.3)))
+
+
+def test_likeness_to_itself_is_perfect_and_another_size_is_not():
+    """SSIM(a, a) = 1 to the rounding of pictures in float32; the PSNR of equal pictures has no bound."""
+
+    def prior(look, camera, background):
+        own = render_gaussians(blob(), camera).over(background).clamp(0, 1)
+        return torch.stack([torch.zeros_like(own), own], 1), torch.tensor([0.0, 1.0])  # the second is meant
+
+    same = likeness(blob(), prior, Look("blob", "a blob"))
+    assert same["ssim"] == pytest.approx(1, abs=1e-5) and same["psnr"] > 100
+    other = likeness(blob(0.6), prior, Look("blob", "a blob"))
+    assert other["ssim"] < 0.95 and other["psnr"] < 30
+
+
+def test_likeness_looks_from_all_sides():
+    cameras = []
+
+    def prior(look, camera, background):
+        cameras.append(camera)
+        return torch.ones(VIEWS, 1, SIDE, SIDE, 3) * background, torch.zeros(1)
+
+    likeness(blob(), prior, Look("blob", "a blob"))
+    where = -torch.einsum("cji,cj->ci", cameras[0].viewmats[:, :3, :3], cameras[0].viewmats[:, :3, 3])
+    assert float(where[:, :2].mean(0).norm()) < 1e-5 * float(where.norm(dim=1)[0])  # evenly round the axis: sums to 0
 
 
 ROWS = [
@@ -138,3 +194,37 @@ def test_a_diverged_run_is_counted_not_hidden():
     rows = [run | {"error": 0.1}, run | {"seed": 1, "why": "!"}]
     assert Mean.of(rows, "error").shown(100) == "10 (1 diverged)"
     assert Mean.of(rows[1:], "error").shown(100) == "diverged"
+
+
+def test_rows_that_repeat_the_first_are_named():
+    """A part that does nothing somewhere is told, prompt by prompt, and not shown as a number of its own."""
+    made = {("full", 0): "a", ("full", 1): "b", ("w/o x", 0): "a", ("w/o x", 1): "c", ("w/o y", 0): "d"}
+    rows = [{"prompt": "p", "variant": v, "seed": s, "digest": d, "error": 0.1} for (v, s), d in made.items()]
+    assert "- *w/o x*: 1 of 2 runs (p)" in page.twins(rows) and "w/o y" not in page.twins(rows)
+    assert "No run" in page.twins([r for r in rows if r["variant"] != "w/o x"])
+
+
+def test_page_of_parts_has_floor_and_look():
+    rows = [
+        {"prompt": "p", "variant": v, "seed": 0, "error": 0.1, "floor": 0.09, "meant": 0.2, "psnr": 20.0, "ssim": 0.5}
+        for v in ("full", "w/o x")
+    ]
+    said = text("ablation", rows, "a command")
+    assert "| w/o x | 10.0 | 9.00 | 20.0 | 20.0 | 0.500 |" in said and "full against" in said
+
+
+def test_a_row_of_an_object_is_best_where_it_is_highest():
+    rows = [
+        {"prompt": "p", "variant": v, "seed": 0, "psnr": x, "ssim": 0.5, "gaussians": 10.0, "seconds": 1.0}
+        for v, x in (("full", 30.0), ("w/o DAS", 20.0))
+    ]
+    assert "| p | **30** | 20 |" in text("look", rows, "a command")
+
+
+def test_a_legend_has_room_for_every_variant(tmp_path):
+    """More variants than colours: another mark, another line of the legend."""
+    rows = [{"prompt": "p", "variant": f"w/o {k}", "seed": 0, "error": 0.1 + 0.01 * k} for k in range(10)]
+    page.figure(rows, tmp_path / "many.png")
+    page.figure(rows[:3], tmp_path / "few.png")
+    heights = [Image.open(tmp_path / f"{n}.png").height for n in ("few", "many")]
+    assert heights[1] - heights[0] == 2 * (18 + 7 * 12)  # a line of 18, and 12 a variant, at two pixels a unit
