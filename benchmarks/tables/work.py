@@ -39,14 +39,12 @@ PHYSICS = ("energy created", "penetration", "volume change", "inverted", "strain
 def settings(overrides: Sequence[str]) -> dict[str, Any]:
     """The settings of a run of ``train.py``, and as two more stages what its motion is compared with."""
     with initialize_config_dir(str(conf_dir()), version_base="1.3"):
-        cfg = OmegaConf.to_container(compose("train", overrides=protect(list(overrides))), resolve=True)
-    assert isinstance(cfg, dict)
+        cfg: Any = OmegaConf.to_container(compose("train", overrides=protect(list(overrides))), resolve=True)
     known = {"library": cfg["material"]["library"], "override": cfg["material"]["override"]}
     known |= {"scene": cfg["scene"]}
-    cfg["stages"] |= {
-        "reference": {"_target_": "benchmarks.tables.reference.Reference", "seed": cfg["seed"], **known},
-        "told": {"_target_": "benchmarks.tables.reference.Told", **known},
-    }
+    here = "benchmarks.tables.reference"
+    cfg["stages"]["reference"] = {"_target_": f"{here}.Reference", "seed": cfg["seed"], **known}
+    cfg["stages"]["told"] = {"_target_": f"{here}.Told", **known}
     return cfg
 
 
