@@ -143,7 +143,8 @@ def weights(rows: Sequence[Row]) -> str:
         lines = [[v, *(across(rows, m, v).shown(1, 3) for m in had)] for v in names(rows, "variant")]
         text = table(["", *had], lines)
     if missing:
-        why = "their weights are not on this machine or no references were asked for" if had else "no films were made"
+        made = any("film" in r for r in rows)
+        why = "their weights are not on this machine or no references were asked for" if made else "no films were made"
         text += f"\nMissing: {', '.join(missing)}; {why} (`--films`, [weights](../../weights.md)).\n"
     return text
 

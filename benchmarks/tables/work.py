@@ -121,6 +121,7 @@ def _one(task: Task, name: str, size: str, store: Store, films: Path | None) -> 
     row |= {"megabytes": material.megabytes, "device_megabytes": device_memory} | _summary(material.path)
     if films is not None:
         folder = films / slug(task.prompt, name, str(task.seed))
+        folder.mkdir(parents=True, exist_ok=True)
         text = OmegaConf.to_yaml(cfg, resolve=False)
         files = export(folder, done, plan, title=task.prompt, settings=text, outputs=["mp4"])
         row["film"] = str(files["film"])

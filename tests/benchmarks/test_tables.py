@@ -2,16 +2,19 @@
 
 import math
 
+import numpy as np
 import pytest
 import torch
 from PIL import Image
 
-from benchmarks.tables import gather, page, text
+from benchmarks import study
+from benchmarks.study.ratings import Key
+from benchmarks.tables import gather, list_films, page, text
 from benchmarks.tables.gather import Mean, ahead
 from benchmarks.tables.look import SIDE, VIEWS, likeness
 from benchmarks.tables.protocol import ABLATIONS, METHODS, OBJECTS, PROMPTS, Task
 from benchmarks.tables.reference import children, error
-from benchmarks.tables.work import settings
+from benchmarks.tables.work import run, settings
 from diffuphy.artifact import Store, describe
 from diffuphy.composing import make
 from diffuphy.pipeline import stages
@@ -22,6 +25,7 @@ from diffuphy.shots import Turntable
 from diffuphy.text2gs.refine.rules import Rules
 from diffuphy.types import Gaussians, Look, Trajectory
 from diffuphy.workspace import Workspace
+from tests.benchmarks.test_study import answers, ratings
 
 EVERY = dict(METHODS) | {k: v for k, v in (OBJECTS | ABLATIONS).items() if k != "full"}
 BESIDES = ("reference", "told")
@@ -231,3 +235,28 @@ def test_a_legend_has_room_for_every_variant(tmp_path):
     page.figure(rows[:3], tmp_path / "few.png")
     heights = [Image.open(tmp_path / f"{n}.png").height for n in ("few", "many")]
     assert heights[1] - heights[0] == 2 * (18 + 7 * 12)  # a line of 18, and 12 a variant, at two pixels a unit
+
+
+def test_scores_that_are_missing_are_not_said_to_lack_films():
+    """With films it is weights and references that are missing."""
+    row = {"prompt": "p", "variant": "x", "seed": 0, "error": 0.1}
+    assert "no films were made" in page.weights([row])
+    assert "no films were made" not in page.weights([row | {"film": "film.mp4"}])
+
+
+@pytest.mark.slow
+def test_films_of_a_table_become_a_study(tmp_path):
+    """Rows, films, list, page to rate them on, ratings, and a report about our method, with no setting but the names
+    of files."""
+    told = ("method=physgaussian", "rival.values=table")
+    task = Task(PROMPT, 0, {"DiffuPhyGS": told, "PhysGaussian": METHODS["PhysGaussian"]})
+    rows = run(task, size="small", store=tmp_path / "store", device="cpu", films=tmp_path / "films")
+    assert all("error" in row for row in rows)
+    list_films(rows, tmp_path / "films.csv")
+    assert study.main(["build", str(tmp_path / "films.csv"), str(tmp_path / "study")]) == 0
+    key, draw = Key.load(tmp_path / "study/key.json"), np.random.default_rng(0)
+    for k in range(2):
+        ratings(tmp_path, key, f"p{k}", answers(key, draw, {"DiffuPhyGS": 1.0, "PhysGaussian": 0.0}))
+    files = [str(f) for f in tmp_path.glob("p*.json")]
+    assert study.main(["score", str(tmp_path / "study/key.json"), *files, "--out", str(tmp_path / "out")]) == 0
+    assert "DiffuPhyGS" in (tmp_path / "out/study.md").read_text()
