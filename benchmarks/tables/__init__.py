@@ -19,7 +19,6 @@ import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -84,8 +83,8 @@ SAYS = {
     "that material and shows what is left to the simulation.",
     "efficiency": "The material stage; a step is one step of the optimiser (the paper's epoch): one drop simulated, "
     "filmed, compared, and its gradient. Mean over prompts ± standard deviation over at most {seeds} seeds.",
-    "ablation": "Physical error as in [the comparison of methods](quantitative.md), %, against the prior's own "
-    "material on *the object that the row has made*; mean ± standard deviation over at most {seeds} seeds.",
+    "ablation": "In % of the object's size, mean ± standard deviation over at most {seeds} seeds; physical error as in "
+    "[the comparison of methods](quantitative.md).",
     "look": "PSNR [dB] of eight views that no fit saw, against the embedded prior's own object; mean ± standard "
     "deviation over at most {seeds} seeds.",
     "prompt": "Distance to the motion of the sentence that was meant, in the centre of mass and the three root mean "
@@ -96,11 +95,17 @@ SAYS = {
 MAKES: Mapping[str, Sequence[Callable[[Sequence[gather.Row]], str]]] = {
     "quantitative": (page.by_prompt, page.lead, page.measures, page.weights),
     "efficiency": (page.efficiency,),
-    "ablation": (page.by_prompt, partial(page.lead, ours="full"), page.parts, page.twins, page.measures, page.weights),
+    "ablation": (page.ablations, page.parts, page.twins, page.measures, page.weights),
     "look": (page.by_look, page.object_parts, page.twins),
     "prompt": (page.by_prompt, page.looks, page.twins),
 }
 """What a page is made of."""
+
+SHOWN = {
+    "efficiency": ("cpu_seconds", "processor time of the material [s]"),
+    "ablation": ("meant", "distance to the motion of what was meant / size"),
+}
+"""Number and label of the figure, where it is not the error."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -140,8 +145,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     said = f"`python -m benchmarks tables {options.table} --size {size}`; {machine(options.device)}."
     (options.out / f"{options.table}.md").write_text(text(options.table, rows, said), encoding="utf-8")
     if options.table != "look":
-        shown = ("cpu_seconds", "processor time of the material [s]") if options.table == "efficiency" else ()
-        page.figure(rows, options.out / f"{options.table}.png", *shown)
+        page.figure(rows, options.out / f"{options.table}.png", *SHOWN.get(options.table, ()))
     elif jobs:
         draw(jobs, size, options.store.resolve(), options.device, options.out / "look.png")
     if any("film" in r for r in rows):

@@ -7,7 +7,7 @@ from typing import Any
 
 from benchmarks._draw import INK, LINES, PALE, Sheet
 from benchmarks.tables.gather import Mean, Row, across, ahead, cells
-from benchmarks.tables.protocol import GIVEN, OURS
+from benchmarks.tables.protocol import ANOTHER, GIVEN, OURS, WHOLE
 
 Best = Callable[..., Any]
 """``min`` or ``max``."""
@@ -86,6 +86,19 @@ def object_parts(rows: Sequence[Row]) -> str:
     return f"{said}\n\n" + table(["", *columns], lines)
 
 
+def ablations(rows: Sequence[Row]) -> str:
+    """What a part of the material is worth on one object, and a part of the object against what was meant."""
+    material = [r for r in rows if r["variant"] not in ANOTHER]
+    objects = [r for r in rows if r["variant"] in (WHOLE, *ANOTHER)]
+    return "\n".join([
+        "Parts of the material, all on the same object: physical error.\n", by_prompt(material),
+        lead(material, WHOLE),
+        "Parts of the object, each on its own: distance to the motion of what was meant, the object of the whole "
+        "method, in the centre of mass and the three root mean square extents.\n", by_prompt(objects, "meant"),
+        lead(objects, WHOLE, "meant"),
+    ])  # fmt: skip
+
+
 PARTS: dict[str, tuple[str, float]] = {
     "physical error [%]": ("error", 100),
     "floor [%]": ("floor", 100),
@@ -100,10 +113,10 @@ def parts(rows: Sequence[Row]) -> str:
     """Material and motion, and the look."""
     lines = [[v, *(across(rows, m, v).shown(s, 3) for m, s in PARTS.values())] for v in names(rows, "variant")]
     return (
-        "*Floor*: the error with the prior's own material on the same object, which the simulation leaves; *against "
-        "what was meant*: distance to the motion of the object of the whole prompt, in the centre of mass and the "
-        "three root mean square extents, which also sees another object; *PSNR* and *SSIM* (where either object is "
-        "seen): eight views that no fit saw, against the embedded prior's own object. Means over prompts.\n\n"
+        "All of them. *Physical error* and *floor* are about the object that the row has made: the floor is the error "
+        "that the prior's own material has on it, which the simulation leaves, so that only the two together say "
+        "something of the material. *Against what was meant* sees another object too. *PSNR* and *SSIM* (where either "
+        "object is seen): eight views that no fit saw, against the embedded prior's own object. Means over prompts.\n\n"
         + table(["", *PARTS], lines)
     )
 

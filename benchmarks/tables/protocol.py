@@ -49,6 +49,12 @@ ABLATIONS: Mapping[str, tuple[str, ...]] = {
 """The four of the paper's table 4, then others. Our velocity loss is weak by default, so beside its absence stands the
 paper's, in its printed form and weight."""
 
+WHOLE = "full"
+"""The row that others are compared with."""
+
+ANOTHER = ("w/o prompt refinement", "w/o DAS", "w/o shape prior")
+"""Rows that make an object of their own."""
+
 OBJECTS: Mapping[str, tuple[str, ...]] = {
     "full": (),
     "w/o DAS": ABLATIONS["w/o DAS"],

@@ -220,6 +220,18 @@ def test_page_of_parts_has_floor_and_look():
     assert "| w/o x | 10.0 | 9.00 | 20.0 | 20.0 | 0.500 |" in said and "full against" in said
 
 
+def test_another_object_is_compared_with_what_was_meant():
+    """Its own error may be smaller because its own floor is: what is compared is the distance to what was meant."""
+    rows = [
+        {"prompt": "p", "variant": v, "seed": s, "error": e, "floor": e, "meant": m, "psnr": 20.0, "ssim": 0.5}
+        for s in range(2)
+        for v, e, m in (("full", 0.08, 0.03), ("w/o scan", 0.09, 0.04), ("w/o DAS", 0.02, 0.07))
+    ]
+    _, material, objects = page.ablations(rows).split("Parts of the ")
+    assert "| p | **8.0 ± 0.0** | 9.0 ± 0.0 |" in material and "w/o DAS" not in material
+    assert "| p | **3.0 ± 0.0** | 7.0 ± 0.0 |" in objects and "| w/o DAS | 1 | 0 | 0 | – |" in objects
+
+
 def test_a_row_of_an_object_is_best_where_it_is_highest():
     rows = [
         {"prompt": "p", "variant": v, "seed": 0, "psnr": x, "ssim": 0.5, "gaussians": 10.0, "seconds": 1.0}
