@@ -25,7 +25,7 @@ FRAME = ("x", "v", "F", "Fe")
 class Play:
     """Sets particles in motion; what they meet is said by ``scene``, which the components that are played define."""
 
-    VERSION: ClassVar[int] = 6
+    VERSION: ClassVar[int] = 7
 
     seconds: float = 2.0
     """Length of the film in physical time [s]."""
