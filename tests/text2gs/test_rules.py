@@ -241,7 +241,10 @@ def test_no_word_means_two_things_of_a_kind():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("a burger that is not rubber falling", "cannot place 'not': say what it is made of and what it does, not what"),
+        (
+            "a burger that is not rubber falling",
+            "cannot place 'not': say what it is made of and what it does, not what",
+        ),
         ("a ball that does not bounce", "cannot place 'not'"),
         ("a ball that doesn't bounce", "cannot place 'doesn'"),
         ("a rubber ball of 200 g falling", "cannot place '200 g': a prompt says how long .* material.override.rho"),
@@ -259,7 +262,9 @@ def test_what_cannot_be_filmed_is_said(text, message):
         read(text)
 
 
-@pytest.mark.parametrize("text", ["on jelly", "on a jelly floor", "on a wooden table", "onto the sand", "against stone"])
+@pytest.mark.parametrize(
+    "text", ["on jelly", "on a jelly floor", "on a wooden table", "onto the sand", "against stone"]
+)
 def test_what_the_surroundings_are_made_of_is_passed_over(text):
     assert read(f"a rubber ball falling {text}") == read("a rubber ball falling")
 
