@@ -87,7 +87,7 @@ PRESETS: dict[str, Preset] = {
         _solid("ice", 2e6, 0.30, 920.0),
         _solid("glass", 2e6, 0.22, 2500.0),
         _solid("stone", 2e6, 0.22, 2400.0),
-        # Ductile. PhysFlow metal 1e7 and 8 kPa, Genesis 1e6 and 10 kPa, which a fall of 0.6 m (ρ g h = 15 kPa) squashes;
+        # Ductile. PhysFlow metal 1e7 and 8 kPa, Genesis 1e6 and 10 kPa, which a fall of 0.6 m (15 kPa) squashes;
         # here an impact at 3 m/s (ρ c v ≈ 0.2 MPa) dents metals, and they bounce.
         _ductile("metal", 2e6, 0.30, 2500.0, 2e5),
         _ductile("steel", 2e6, 0.30, 2500.0, 2.4e5),
