@@ -35,7 +35,7 @@ class Labelled(Protocol):
 class LabelledMaterial:
     """Matter by label: a particle is of what its Gaussian is made of, filler of what the nearest such particle is."""
 
-    VERSION: ClassVar[int] = 1
+    VERSION: ClassVar[int] = 2
 
     source: Labelled
     """Whose labels."""
