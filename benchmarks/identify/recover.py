@@ -1,6 +1,7 @@
 """How well parameters can be found at all: a scan, then least squares, by what is seen and by what made the clip."""
 
 import itertools
+import math
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -8,7 +9,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from benchmarks.identify.bodies import Reference
+from benchmarks.identify.bodies import Reference, Split
 from benchmarks.identify.newton import least_squares
 from benchmarks.identify.rows import Rows, Stopwatch
 from benchmarks.identify.specimens import SPECIMENS, Specimen, contrast
@@ -17,21 +18,23 @@ from diffuphy.types import SimulationDiverged, Trajectory
 
 SCAN = {1: 8, 2: 6}
 """Values along each coordinate of the scan, by how many coordinates there are."""
+STARTS = 3
+"""Most minima of the scan that are descended from."""
 BEYOND = 0.3
 """How far outside the range of the truths a run may go [dex or ranges]."""
 
 
 @cache
-def fitting() -> Watch:
+def fitting(split: Split = "z") -> Watch:
     """The bench of the fit."""
-    return Watch.make(seed=0)
+    return Watch.make(seed=0, split=split)
 
 
 @cache
-def made_by(reference: Reference, seed: int) -> Watch:
+def made_by(reference: Reference, seed: int, split: Split = "z") -> Watch:
     """The bench that made the clip: another draw of particles and another place on the grid, and for "fine" half the
     grid spacing and half the Courant number."""
-    return Watch.make(seed=seed, finer=2.0 if reference == "fine" else 1.0)
+    return Watch.make(seed=seed, finer=2.0 if reference == "fine" else 1.0, split=split)
 
 
 @cache
@@ -43,21 +46,34 @@ def scanned(specimen: Specimen) -> list[tuple[Tensor, Trajectory | None]]:
     for point in itertools.product(*ends):
         q = torch.tensor(point, dtype=torch.float64)
         try:
-            found.append((q, fitting().drop(specimen, q)))
+            found.append((q, fitting(specimen.seam).drop(specimen, q)))
         except SimulationDiverged:
             found.append((q, None))
     return found
 
 
 @cache
-def views(specimen: Specimen, what: What) -> list[tuple[Tensor, Tensor]]:
+def views(specimen: Specimen, what: What) -> list[Tensor | None]:
     """What is seen of each drop of the scan."""
-    return [(q, fitting().see(drop, what)) for q, drop in scanned(specimen) if drop is not None]
+    return [None if drop is None else fitting(specimen.seam).see(drop, what) for _, drop in scanned(specimen)]
 
 
-def best_of_scan(specimen: Specimen, what: What, target: Tensor) -> Tensor:
-    """Coordinates of the drop of the scan that looks most like the target."""
-    return min(views(specimen, what), key=lambda seen: float((seen[1] - target).square().sum()))[0]
+def starts(specimen: Specimen, what: What, target: Tensor) -> list[Tensor]:
+    """Coordinates of the minima of the scan, the best first: a least squares from the best of all alone stays in a
+    basin that the spacing of the scan may have preferred."""
+    costs = [math.inf if seen is None else float((seen - target).square().sum()) for seen in views(specimen, what)]
+    n = len(specimen.box()[0])
+    at = minima(torch.tensor(costs).reshape((SCAN[n],) * n))
+    return [scanned(specimen)[i][0] for i in at[:STARTS]]
+
+
+def minima(costs: Tensor) -> list[int]:
+    """Places of a grid, counted in row-major order, that cost less than all neighbours along the axes and diagonals;
+    the cheapest first."""
+    pool = torch.nn.functional.max_pool1d if costs.ndim == 1 else torch.nn.functional.max_pool2d
+    least = -pool(-costs[None], 3, 1, 1)[0]
+    at = (costs.isfinite() & (costs == least)).flatten().nonzero()[:, 0].tolist()
+    return sorted(at, key=costs.flatten().tolist().__getitem__)
 
 
 def truth_of(specimen: Specimen, number: int) -> Tensor:
@@ -72,20 +88,23 @@ def recover(rows: Rows, specimen: Specimen, number: int, reference: Reference, w
     whats = [what for what in whats if not rows.has(**key, what=what)]
     if not whats:
         return
-    theirs, mine = made_by(reference, 1 + number), fitting()
+    theirs, mine = made_by(reference, 1 + number, specimen.seam), fitting(specimen.seam)
     drop = theirs.drop(specimen, truth)
     lo, hi = specimen.box(BEYOND)
     for what in whats:
         target = theirs.see(drop, what, seed=number)
-        start, watch = best_of_scan(specimen, what, target), Stopwatch()
-        found = least_squares(
-            lambda q, what=what, target=target: mine.see(mine.drop(specimen, q), what) - target, start, lo=lo, hi=hi
-        )
+        begins, watch = starts(specimen, what, target), Stopwatch()
+
+        def residual(q: Tensor, what: What = what, target: Tensor = target) -> Tensor:
+            return mine.see(mine.drop(specimen, q), what) - target
+
+        ends = [least_squares(residual, q, lo=lo, hi=hi) for q in begins]
+        found = min(ends, key=lambda end: end.cost)
         errors = specimen.errors(found.q, truth)
         rows.add(
             **key, what=what, truth=specimen.values(truth), found=specimen.values(found.q), errors=errors,
             right=specimen.right(errors), within_twice=specimen.right(errors, 2.0),
-            rms=(2 * found.cost / target.numel()) ** 0.5, clips=found.clips, seconds=watch.seconds,
+            rms=(2 * found.cost / target.numel()) ** 0.5, clips=sum(end.clips for end in ends), seconds=watch.seconds,
         )  # fmt: skip
 
 

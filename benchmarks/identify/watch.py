@@ -8,7 +8,7 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from benchmarks.identify.bodies import SIZE, bench, halves
+from benchmarks.identify.bodies import SIZE, Split, bench, halves
 from benchmarks.identify.specimens import Specimen
 from diffuphy.learning.probe import Bench, Probe
 from diffuphy.losses.takes import Take
@@ -37,14 +37,15 @@ class Watch:
     """The ball on the bench, simulated with any material and looked at."""
 
     bench: Bench
+    split: Split = "z"
 
     @classmethod
-    def make(cls, seed: int, finer: float = 1.0, probe: Probe = PROBE) -> "Watch":
-        return cls(bench(probe, seed=seed, finer=finer))
+    def make(cls, seed: int, finer: float = 1.0, probe: Probe = PROBE, split: Split = "z") -> "Watch":
+        return cls(bench(probe, seed=seed, finer=finer, split=split), split)
 
     @cached_property
     def labels(self) -> Tensor:
-        return halves(self.bench.draft)
+        return halves(self.bench.draft, self.split)
 
     @cached_property
     def marked(self) -> Skin:
