@@ -9,6 +9,7 @@ from torch import Tensor
 
 from diffuphy.learning.probe import Bench, Probe
 from diffuphy.losses.takes import Take
+from diffuphy.mpm import Scheme
 from diffuphy.render import Skin
 from diffuphy.render.sh import from_rgb
 from diffuphy.types import Camera, Gaussians, Particles
@@ -17,6 +18,11 @@ SIZE = 0.3
 """Diameter of the ball [m]: the probe's speed is meant for this size."""
 COLORS = torch.tensor([[[0.85, 0.30, 0.20], [0.95, 0.75, 0.30]], [[0.20, 0.35, 0.75], [0.60, 0.80, 0.95]]])
 """Two shades for one half and two for the other."""
+PROBE = Probe(frames=8, scheme=Scheme(contact="elastic"))
+"""The product's drop, one impact and the rise after it."""
+GRAINS = dataclasses.replace(PROBE, scheme=Scheme(contact="elastic", sharpen=False, retain=0.0), view=60.0)
+"""The same for grains: what is sharpened and retained is noise there, which works against the flow; and a heap runs out
+of a picture of 40°."""
 Reference = Literal["same", "fine"]
 Split = Literal["z", "x"]
 """Axis from one half of the ball to the other: the upper half on the lower one, or two beside each other as the camera

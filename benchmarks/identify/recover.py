@@ -9,7 +9,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from benchmarks.identify.bodies import Reference, Split
+from benchmarks.identify.bodies import Reference
 from benchmarks.identify.newton import least_squares
 from benchmarks.identify.rows import Rows, Stopwatch
 from benchmarks.identify.specimens import SPECIMENS, Specimen, contrast
@@ -24,17 +24,18 @@ BEYOND = 0.3
 """How far outside the range of the truths a run may go [dex or ranges]."""
 
 
-@cache
-def fitting(split: Split = "z") -> Watch:
+def fitting(specimen: Specimen) -> Watch:
     """The bench of the fit."""
-    return Watch.make(seed=0, split=split)
+    return made(0, 1.0, specimen.probe, specimen.seam)
 
 
-@cache
-def made_by(reference: Reference, seed: int, split: Split = "z") -> Watch:
+def made_by(specimen: Specimen, reference: Reference, seed: int) -> Watch:
     """The bench that made the clip: another draw of particles and another place on the grid, and for "fine" half the
     grid spacing and half the Courant number."""
-    return Watch.make(seed=seed, finer=2.0 if reference == "fine" else 1.0, split=split)
+    return made(seed, 2.0 if reference == "fine" else 1.0, specimen.probe, specimen.seam)
+
+
+made = cache(Watch.make)
 
 
 @cache
@@ -46,7 +47,7 @@ def scanned(specimen: Specimen) -> list[tuple[Tensor, Trajectory | None]]:
     for point in itertools.product(*ends):
         q = torch.tensor(point, dtype=torch.float64)
         try:
-            found.append((q, fitting(specimen.seam).drop(specimen, q)))
+            found.append((q, fitting(specimen).drop(specimen, q)))
         except SimulationDiverged:
             found.append((q, None))
     return found
@@ -55,7 +56,7 @@ def scanned(specimen: Specimen) -> list[tuple[Tensor, Trajectory | None]]:
 @cache
 def views(specimen: Specimen, what: What) -> list[Tensor | None]:
     """What is seen of each drop of the scan."""
-    return [None if drop is None else fitting(specimen.seam).see(drop, what) for _, drop in scanned(specimen)]
+    return [None if drop is None else fitting(specimen).see(drop, what) for _, drop in scanned(specimen)]
 
 
 def starts(specimen: Specimen, what: What, target: Tensor) -> list[Tensor]:
@@ -88,7 +89,7 @@ def recover(rows: Rows, specimen: Specimen, number: int, reference: Reference, w
     whats = [what for what in whats if not rows.has(**key, what=what)]
     if not whats:
         return
-    theirs, mine = made_by(reference, 1 + number, specimen.seam), fitting(specimen.seam)
+    theirs, mine = made_by(specimen, reference, 1 + number), fitting(specimen)
     drop = theirs.drop(specimen, truth)
     lo, hi = specimen.box(BEYOND)
     for what in whats:

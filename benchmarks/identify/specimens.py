@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from benchmarks.identify.bodies import Split
+from benchmarks.identify.bodies import GRAINS, PROBE, Split
 from diffuphy.learning.case import parameters
 from diffuphy.learning.identifiability import coordinate_of, value_at
+from diffuphy.learning.probe import Probe
 from diffuphy.material import Param
 from diffuphy.material.field import Hypothesis, warm_start
 from diffuphy.types import MaterialField
@@ -32,6 +33,9 @@ class Specimen:
     """What counts as found: dex, a relative error or the parameter's unit."""
     split: Split | None = None
     """Axis from one half to the other if they have parameters of their own; all of the first half come first."""
+
+    probe: Probe = PROBE
+    """How it is dropped and simulated."""
 
     def __hash__(self) -> int:
         return hash(self.name)
@@ -126,7 +130,7 @@ SPECIMENS = {
         ),
         Specimen(
             "sand", "hencky", "drucker_prager", {"E": 5e5, "nu": 0.2, "friction_angle": 30.0, "cohesion": 0.0}, 1600.0,
-            {"friction_angle": (18.0, 45.0)}, {"friction_angle": (4.0, "deg")},
+            {"friction_angle": (18.0, 45.0)}, {"friction_angle": (4.0, "deg")}, probe=GRAINS,
         ),
         Specimen(
             "honey", "hencky", "viscoplastic", {"E": 5e4, "nu": 0.42, "yield_stress": 10.0, "viscosity": 60.0}, 1400.0,

@@ -44,7 +44,7 @@ class Watched(Workspace):
 
 def case_of(specimen: Specimen, truth: Tensor, reference: Reference, seed: int) -> Case:
     """The ball on the product's bench, and a prior that has a clip of the truth in mind, made elsewhere."""
-    mine, theirs = fitting(specimen.seam), made_by(reference, seed, specimen.seam)
+    mine, theirs = fitting(specimen), made_by(specimen, reference, seed)
     clips = TableClips(theirs.bench, specimen.field(theirs.labels, truth))
     guidance = Analytic(layout="clip", s=0.0, references=clips)
     motion = Motion("falling", f"a {specimen.name} ball falling", {"": "rubber"}, SIZE)

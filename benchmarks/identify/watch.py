@@ -8,7 +8,7 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from benchmarks.identify.bodies import SIZE, Split, bench, halves
+from benchmarks.identify.bodies import PROBE, SIZE, Split, bench, halves
 from benchmarks.identify.specimens import Specimen
 from diffuphy.learning.probe import Bench, Probe
 from diffuphy.losses.takes import Take
@@ -17,10 +17,9 @@ from diffuphy.types import Gaussians, Trajectory
 
 What = Literal["particles", "1 camera", "4 cameras", "1 camera, noise"]
 WHAT: tuple[What, ...] = ("particles", "1 camera", "4 cameras", "1 camera, noise")
+CAMERA: What = "1 camera"
 NOISE = 0.05
 """Standard deviation of a noisy pixel [-]: 13 grey levels of 255."""
-PROBE = Probe(frames=8, contact="elastic")
-"""The product's drop, one impact and the rise after it."""
 
 
 def markers(count: int = 500) -> Gaussians:

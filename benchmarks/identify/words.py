@@ -1,7 +1,5 @@
 """What the page of the study says around its tables."""
 
-CAMERA = "1 camera"
-
 INTRO = """# What a clip tells of its material
 
 A ball of 0.3 m, 1500 particles, falls on the floor at 1.5 m/s: eight frames at 30 per second, 64 × 64 pixels, the

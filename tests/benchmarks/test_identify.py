@@ -8,10 +8,11 @@ import pytest
 import torch
 
 from benchmarks.identify import recover, trained
+from benchmarks.identify.bodies import PROBE
 from benchmarks.identify.newton import least_squares
 from benchmarks.identify.rows import Rows, rate, wilson
 from benchmarks.identify.specimens import SPECIMENS, contrast
-from benchmarks.identify.watch import PROBE, Watch
+from benchmarks.identify.watch import Watch
 from diffuphy.learning.fit_material import FitMaterial
 from diffuphy.material.field import harden
 from diffuphy.material.net import Net
@@ -127,8 +128,8 @@ def test_one_half_is_ten_times_as_stiff_by_turns():
 def tiny(monkeypatch):
     """The study's benches at a tiny size."""
     for module in (trained, recover):
-        monkeypatch.setattr(module, "fitting", lambda split="z": Watch.make(0, probe=TINY, split=split))
-        monkeypatch.setattr(module, "made_by", lambda _, seed, split="z": Watch.make(seed, probe=TINY, split=split))
+        monkeypatch.setattr(module, "fitting", lambda s: Watch.make(0, probe=TINY, split=s.seam))
+        monkeypatch.setattr(module, "made_by", lambda s, _, seed: Watch.make(seed, probe=TINY, split=s.seam))
 
 
 def stage(case, **settings):
