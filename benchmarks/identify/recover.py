@@ -13,13 +13,15 @@ from benchmarks.identify.bodies import Reference
 from benchmarks.identify.newton import least_squares
 from benchmarks.identify.rows import Rows, Stopwatch
 from benchmarks.identify.specimens import SPECIMENS, Specimen, contrast
-from benchmarks.identify.watch import WHAT, Watch, What
+from benchmarks.identify.watch import CAMERA, WHAT, Watch, What
 from diffuphy.types import SimulationDiverged, Trajectory
 
 SCAN = {1: 8, 2: 6}
 """Values along each coordinate of the scan, by how many coordinates there are."""
 STARTS = 3
 """Most minima of the scan that are descended from."""
+RACE = 3
+"""Iterations after which the best of these descents goes on alone."""
 BEYOND = 0.3
 """How far outside the range of the truths a run may go [dex or ranges]."""
 
@@ -69,7 +71,7 @@ def starts(specimen: Specimen, what: What, target: Tensor) -> list[Tensor]:
 
 
 def minima(costs: Tensor) -> list[int]:
-    """Places of a grid, counted in row-major order, that cost less than all neighbours along the axes and diagonals;
+    """Places of a grid, counted in row-major order, that cost no more than any neighbour, diagonal ones included;
     the cheapest first."""
     pool = torch.nn.functional.max_pool1d if costs.ndim == 1 else torch.nn.functional.max_pool2d
     least = -pool(-costs[None], 3, 1, 1)[0]
@@ -99,13 +101,15 @@ def recover(rows: Rows, specimen: Specimen, number: int, reference: Reference, w
         def residual(q: Tensor, what: What = what, target: Tensor = target) -> Tensor:
             return mine.see(mine.drop(specimen, q), what) - target
 
-        ends = [least_squares(residual, q, lo=lo, hi=hi) for q in begins]
-        found = min(ends, key=lambda end: end.cost)
+        raced = [least_squares(residual, q, lo=lo, hi=hi, iterations=RACE) for q in begins] if len(begins) > 1 else []
+        start = min(raced, key=lambda end: end.cost).q if raced else begins[0]
+        found = least_squares(residual, start, lo=lo, hi=hi)
         errors = specimen.errors(found.q, truth)
         rows.add(
             **key, what=what, truth=specimen.values(truth), found=specimen.values(found.q), errors=errors,
             right=specimen.right(errors), within_twice=specimen.right(errors, 2.0),
-            rms=(2 * found.cost / target.numel()) ** 0.5, clips=sum(end.clips for end in ends), seconds=watch.seconds,
+            rms=(2 * found.cost / target.numel()) ** 0.5, clips=sum(end.clips for end in (*raced, found)),
+            seconds=watch.seconds,
         )  # fmt: skip
 
 
@@ -114,10 +118,12 @@ def open_rows(out: Path) -> Rows:
 
 
 def study(out: Path, names: Sequence[str], truths: int) -> Rows:
-    """All specimens and truths: fine references seen in every way, three truths long, the others in two."""
+    """All specimens and truths. Fine references of the first truth are seen in every way, three truths as particles and
+    by one camera, the others by one camera."""
     rows = open_rows(out)
     for number in range(truths):
         for name in names or [n for n in SPECIMENS if n != "rubber"]:  # rubber is what the stage itself is tried on
-            recover(rows, SPECIMENS[name], number, "fine", WHAT if number < 3 else WHAT[:2])
-            recover(rows, SPECIMENS[name], number, "same", WHAT[:2])
+            both = WHAT[:2] if number < 3 else (CAMERA,)
+            recover(rows, SPECIMENS[name], number, "fine", both if number else WHAT)
+            recover(rows, SPECIMENS[name], number, "same", both)
     return rows
