@@ -52,9 +52,10 @@ stays within it, median of the runs that end there.
 PARAMETERS = """
 ## Other parameters, by least squares
 
-Levenberg–Marquardt with differences from the best of a scan (eight values for one parameter, 6 × 6 for two).
-*Particles*: the places of 500 points inside the ball, at every frame; *1 camera* and *4 cameras* all round: pixels;
-*noise*: with a standard deviation of 0.05 of the range of a pixel.
+Levenberg–Marquardt with differences. It starts from the minima of a scan (eight values for one parameter, 6 × 6 for
+two), of which the best three race for three steps and the winner goes on. *Particles*: the places of 500 points inside
+the ball, at every frame; *1 camera* and *4 cameras* all round: pixels; *noise*: with a standard deviation of 0.05 of
+the range of a pixel. *Two halves* lie on each other, *side by side* has them left and right in the picture.
 
 """
 
@@ -70,11 +71,15 @@ the best two*: what is refined before one is chosen (`material.refine`).
 RESOLUTION = """
 ## What discretisation does
 
-The error that the finer reference alone causes, to first order: (JᵀJ)⁻¹ Jᵀ (c_fine − c) at the truth, one camera,
-for fits of several resolutions against the same reference of 12 000 particles; and for walls that are rigid. On a
-rigid wall matter turns back most of a cell above the floor; an elastic wall (`material.probe.contact=elastic`, the
-contact that films are made with) lets it touch first. That matters for the yield stress, and at this stiffness hardly
-for the others.
+Where least squares ends that starts at the truth, in the middle of the ranges, one camera: fits of several
+resolutions against the same reference of 12 000 particles. The scheme is that of both. On a *rigid* wall matter turns
+back most of a cell above the floor; an *elastic* wall (`material.probe.scheme.contact=elastic`, the contact that films
+are made with) lets it touch first.
+
+For sand the scheme itself counts. Sharpening and retention keep elastic waves alive that a grid would damp; in a flow
+of grains what they keep alive is the noise between one grain and the next, and it works against the flow, the more the
+coarser the grid. Neither (`material.probe.scheme.sharpen=false material.probe.scheme.retain=0`) is how sand is dropped
+on this page, and with an angle of view of 60° (`material.probe.view=60`): of 40° the heap runs out of the picture.
 
 """
 
