@@ -15,7 +15,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from diffuphy.losses.takes import Take
+from diffuphy.losses.takes import Take, low_pass
 from diffuphy.losses.velocity import Velocity, centroid
 from diffuphy.losses.video import by_frames
 from diffuphy.material import presets
@@ -84,14 +84,20 @@ class Probe:
             scheme=self.scheme,
         )
 
-    def bench(self, gaussians: Gaussians, particles: Particles, size: float) -> "Bench":
-        """Set the experiment up for one object."""
-        draft, _ = coarsen(particles, n=self.particles, seed=self.seed)
+    def bench(self, gaussians: Gaussians, particles: Particles, size: float, kind: Tensor | None = None) -> "Bench":
+        """Set the experiment up for one object.
+
+        Args:
+            size: longest side of the object [m].
+            kind: what may be of different materials, shape (N,), int64; the draft keeps the volume of each.
+        """
+        draft, kept = coarsen(particles, n=self.particles, seed=self.seed, kind=kind)
         scene = self.scene(draft.spacing * self.particles_per_cell ** (1 / 3), size)
         # the body hangs at its height, whichever of its particles the draft kept: half a spacing is a frame of the fall
         above = float(draft.x[:, 2].min() - particles.x[:, 2].min())
         scene = dataclasses.replace(scene, lift=self.gap * size + above)
-        return Bench(self, scene, draft, Skin.bind(gaussians, draft, k=self.skin), self.camera(draft, size), size)
+        skin = Skin.bind(gaussians, draft, k=self.skin)
+        return Bench(self, scene, draft, skin, self.camera(draft, size), size, kept)
 
     def camera(self, draft: Particles, size: float) -> Camera:
         """One camera that sees the object from its start down to the floor, whatever it does there."""
@@ -115,6 +121,8 @@ class Bench:
     camera: Camera
     size: float
     """Longest side of the object [m]."""
+    kept: Tensor | None = None
+    """Which particle of the object each of the draft is, shape (N,), int64; None: the draft is the object."""
 
     def simulate(
         self,
@@ -206,7 +214,8 @@ class Bench:
 
         def draw(x: Tensor, F: Tensor) -> Tensor:
             means, F_g = self.skin(x, F)
-            return render_gaussians(gaussians, camera, means=means, F=F_g, background=background).rgb[0]
+            picture = render_gaussians(gaussians, camera, means=means, F=F_g, background=background).rgb[0]
+            return low_pass(picture, background, take.blur * self.probe.image) if take.blur else picture
 
         return draw
 

@@ -107,6 +107,21 @@ def test_training_moves_the_stiffness_towards_the_reference():
         assert abs(float(field.theta["E"].log10().mean()) - truth) < 0.9 * 0.6
 
 
+def test_from_a_start_that_is_much_too_soft_only_a_blurred_clip_leads_to_the_reference():
+    """A flat body on the floor and one in the air do not overlap: dL/d(log E) of sharp pictures is positive, towards
+    still softer; through a low-pass of an eighth of the picture it is negative."""
+    case, truth = made(stage()), math.log10(4e5)
+    slope = {}
+    for blur in (0.0, 1 / 8):
+        log_E = torch.tensor(truth - 2.1, requires_grad=True)
+        theta = case.table.theta | {"E": (10**log_E).expand(len(case.table))}
+        drop = case.bench.simulate(dataclasses.replace(case.table, theta=theta))
+        take = dataclasses.replace(Take.whole(4), blur=blur)
+        loss = case.cond.distil(drop, take, t=0.5, generator=torch.Generator().manual_seed(1), weight="x0")
+        (slope[blur],) = torch.autograd.grad(loss, log_E)
+    assert slope[0.0] > 0 > slope[1 / 8]
+
+
 def test_stiffness_and_yield_stress_are_learnt_together():
     """From twice the stiffness and twice the yield stress of the reference, both errors |ln θ/θ*| fall; their ratio
     is seen much less than their size."""
