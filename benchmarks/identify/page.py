@@ -11,7 +11,7 @@ from typing import Any
 from benchmarks._draw import GREEN, INK, PALE, PAPER, RED, YELLOW, Curve, Panel, Plot, plots, table
 from benchmarks.identify import takes
 from benchmarks.identify.rows import rate
-from benchmarks.identify.specimens import HALVES, SPECIMENS
+from benchmarks.identify.specimens import SPECIMENS
 from benchmarks.identify.watch import CAMERA
 from benchmarks.identify.words import (
     ELASTIC,
@@ -77,7 +77,7 @@ def targets(found: dict[str, list[Row]]) -> str:
         line(words, tolerance, rows, lambda r, key, at=at: r[key][at])
     for body, rows in grouped(camera, body_of).items():
         if SPECIMENS[rows[0]["specimen"]].halves:
-            line(f"E of both halves, {body}", "0.15 dex", rows, lambda r, key: all(r[key]))
+            line(f"E of {body}: both", "0.15 dex", rows, lambda r, key: all(r[key]))
     line("plastic law", "the right one", found.get("laws", ()), lambda r, _: r["right"])
     head = ("sought", "tolerance", "same resolution", "finer reference, twice the tolerance")
     return "\n" + markdown(head, lines) + WHY
@@ -101,7 +101,7 @@ def body_of(row: Row) -> str:
     specimen, truth = SPECIMENS[row["specimen"]], row["truth"]
     if specimen.split != "z":
         return specimen.name
-    return f"{specimen.name}, {HALVES['z'][truth[0] > truth[1]]} softer"
+    return f"{specimen.name}, the {'upper' if truth[0] > truth[1] else 'lower'} one softer"
 
 
 def rate_of(rows: Sequence[Row], key: str, at: int | None = None) -> str:

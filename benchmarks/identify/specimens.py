@@ -141,7 +141,7 @@ SPECIMENS = {
             {"E": (10**3.9, 10**5.6)}, {"E": (0.15, "dex")}, split="z",
         ),
         Specimen(
-            "side by side", "neo_hookean", "identity", {"E": 1e5, "nu": 0.4}, 1000.0,
+            "halves side by side", "neo_hookean", "identity", {"E": 1e5, "nu": 0.4}, 1000.0,
             {"E": (10**3.9, 10**5.6)}, {"E": (0.15, "dex")}, split="x",
         ),
     )

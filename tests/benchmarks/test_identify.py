@@ -110,7 +110,7 @@ def test_halves_beside_each_other_are_left_and_right_in_the_picture():
     watch = Watch.make(3, probe=TINY, split="x")
     right = watch.bench.draft.x[:, 0] > watch.bench.draft.offset[0]
     assert torch.equal(watch.labels == 1, right)
-    clip = watch.see(watch.drop(SPECIMENS["side by side"], at(5.0, 5.0), 1), "1 camera")[0, 0]
+    clip = watch.see(watch.drop(SPECIMENS["halves side by side"], at(5.0, 5.0), 1), "1 camera")[0, 0]
     blue = clip[..., 2] - clip[..., 0]  # the half of label 0 is red, the other blue
     assert float(blue[12:20, 10:14].mean()) < 0 < float(blue[12:20, 18:22].mean())
 
