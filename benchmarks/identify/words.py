@@ -10,8 +10,8 @@ made would flatter (the inverse crime), so it is made by another one:
 another place on the grid;
 - **same** resolution, for comparison: another draw of particles and another place on the grid.
 
-Two settings are not the same for all bodies: [sand](#what-discretisation-does) is seen at a wider angle, and both of its
-simulations leave out what keeps elastic waves alive.
+Two settings are not the same for all bodies: [sand](#what-discretisation-does) is seen at a wider angle, and both of
+its simulations leave out what keeps elastic waves alive.
 
 Rates carry Wilson's interval of 95 %. Errors of E are in decades (dex). Seconds are processor times of one thread
 on a shared machine: {machine}. Every number here is written by `python -m benchmarks identify`.
@@ -29,16 +29,16 @@ Where it fails, and why:
 
 - *The friction angle against a finer reference* is 3° to 6° too low, the more the smaller it is, where the same
   resolution finds it to 2°: within twice the tolerance, not always within it. A heap of grains is two or three cells
-  deep, and what is left is the error of such a coarse flow; it [falls with the grid](#what-discretisation-does). With the
-  scheme and the camera of the elastic bodies it was 7° to 9°.
+  deep, and what is left is the error of such a coarse flow; it [falls with the grid](#what-discretisation-does). With
+  the scheme and the camera of the elastic bodies it was 7° to 9°.
 - *ν beside E*: a drop shows ν five times less than E ([below](#what-can-be-told-at-all)), so that what the
   discretisation does to the clip goes into ν; E stays right. State ν, or learn E alone.
-- *E of what yields*: the clip shows the yield stress seven times as well as E, and the error of the discretisation goes
-  into E.
-- *Two halves, the softer one below*: the stiff half above hardly deforms, and what the clip shows best is the compliance
-  of both together, 1/E + 1/E′; along it the error of the discretisation moves the fit to a smaller contrast. The same
-  body thrown on its other side is the row above it, and two halves that both meet the floor are found: what is to be
-  told apart has to be squeezed.
+- *E of what yields*: the clip shows the yield stress seven times as well as E, and the error of the discretisation
+  goes into E.
+- *Two halves, the softer one below*: the stiff half above hardly deforms, and what the clip shows best is the
+  compliance of both together, 1/E + 1/E′; along it the error of the discretisation moves the fit to a smaller
+  contrast. The same body thrown on its other side is the row of the softer upper half, and two halves that both meet
+  the floor are found: what is to be told apart has to be squeezed.
 - *Training alone from too soft a start*: E hardly moves for many steps, and the training ends by its patience or runs
   out of steps. From too stiff a start it came down in every run so far. The scan is there for this.
 """
