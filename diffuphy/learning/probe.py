@@ -21,7 +21,6 @@ from diffuphy.losses.video import by_frames
 from diffuphy.material import presets
 from diffuphy.mpm import FrameReport, HalfSpace, Scene, Scheme, rollout
 from diffuphy.mpm.coarse import coarsen
-from diffuphy.mpm.scheme import Contact
 from diffuphy.render import Skin, look_at, render_gaussians
 from diffuphy.types import Camera, Gaussians, Look, MaterialField, Motion, Particles, Trajectory
 
@@ -46,12 +45,15 @@ class Probe:
     """Grid spacing: Δx = spacing · this^⅓, as for the film."""
     cfl: float = 0.4
     """Courant number."""
-    contact: Contact = "rigid"
-    """Contact with the floor, see ``mpm.Scheme``: "rigid" turns a stiff body back most of a cell above the floor,
-    "elastic" lets it touch first, as films do. A reference from elsewhere than the probe asks for the second, see
-    ``docs/benchmarks/identify.md``; against the probe itself both are the same."""
+    scheme: Scheme = Scheme()
+    """Transfers, walls and time integration. Against the probe itself the choice hardly matters; a reference from
+    elsewhere asks for ``contact="elastic"``, which lets a stiff body touch the floor before it turns, as films do, and
+    of grains for ``sharpen=False, retain=0``: see ``docs/benchmarks/identify.md``."""
     image: int = 64
     """Height and width of the clip [px]."""
+    view: float = 40.0
+    """Angle of view of the camera [deg]: a bounce stays inside 40; a heap of grains runs out of it, and with it goes
+    what shows its friction: 60 keeps it."""
     skin: int = 4
     """Particles each Gaussian follows; several, because a draft particle stands for many Gaussians."""
     background: tuple[float, float, float] = (0.85, 0.9, 1.0)
@@ -65,6 +67,8 @@ class Probe:
                 "a probe needs particles ≥ 64, frames ≥ 2 and image ≥ 16, "
                 f"got {self.particles}, {self.frames}, {self.image}"
             )
+        if not 0.0 < self.view < 180.0:
+            raise ValueError(f"probe.view is an angle in (0, 180) degrees, got {self.view}; 40 is the default")
 
     def scene(self, dx: float, size: float) -> Scene:
         """The drop itself."""
@@ -77,7 +81,7 @@ class Probe:
             lift=self.gap * size,
             boundaries=(HalfSpace(friction=0.5),),
             cfl=self.cfl,
-            scheme=Scheme(contact=self.contact),
+            scheme=self.scheme,
         )
 
     def bench(self, gaussians: Gaussians, particles: Particles, size: float, kind: Tensor | None = None) -> "Bench":
@@ -97,7 +101,7 @@ class Probe:
 
     def camera(self, draft: Particles, size: float) -> Camera:
         """One camera that sees the object from its start down to the floor, whatever it does there."""
-        focal = 0.5 * self.image / math.tan(math.radians(20))
+        focal = 0.5 * self.image / math.tan(math.radians(self.view / 2))
         eye = (0.6 * size, -2.4 * size, 0.9 * size)
         device = draft.x.device
         K = torch.tensor([[focal, 0, self.image / 2], [0, focal, self.image / 2], [0, 0, 1]], device=device)

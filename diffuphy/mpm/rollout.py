@@ -24,6 +24,7 @@ from diffuphy.mpm.scene import Scene
 from diffuphy.mpm.solver import Body, Solver, backward_bytes
 from diffuphy.mpm.span import Span
 from diffuphy.mpm.state import REAL, Matter, Rows, State, check, check_state, initial_state, make_matter, placed
+from diffuphy.mpm.stretch import bounded
 from diffuphy.mpm.trouble import Trouble, blame, trouble_of
 from diffuphy.types import MaterialField, Trajectory
 
@@ -142,7 +143,8 @@ def simulate(
 
     def driven() -> tuple[Scene, Matter]:
         drives = (*own, *steer(state)) if steer is not None else own
-        tag = tags(drives, placed(scene, x, matter.vol).detach(), matter.m.detach()) if drives else None
+        at = placed(scene, x, matter.vol).detach()
+        tag = tags(drives, at, matter.m.detach(), scene.dx, scenes) if drives else None
         return dataclasses.replace(scene, drives=drives), dataclasses.replace(matter, tag=tag)
 
     scene, matter = driven()
@@ -182,6 +184,7 @@ def simulate(
         if grad and frame == 0:
             _say_memory(state, count if window is None else min(window, count), span, segment, keep)
         end = joined(clock, span, {"segment": segment, "kept": kept}, end, start, now, controls) if grad else end
+        end = bounded(end)
         if diagnose:
             books = balance(mixture, start, end, now, scene.scheme, scene.gravity, span.dt, scene.dx)
             taken = dataclasses.replace(taken, balance=books)

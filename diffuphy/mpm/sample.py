@@ -149,8 +149,8 @@ class Sample:
         return scale, -scale * (low + high) / 2
 
     def _without_strays(self, g: Gaussians, opaque: Tensor, keep: Tensor) -> Tensor:
-        """Drop small pieces that touch nothing, until none is left; a far one makes the first lattice coarse, hence "
-        "the repetition."""
+        """Drop small pieces that touch nothing, until none is left; a far one makes the first lattice coarse, hence
+        the repetition."""
         for _ in range(8):
             scale, offset = self._placement(g, keep, 1.0)
             x = scale * g.means[keep].double() + offset
