@@ -26,8 +26,8 @@ log = logging.getLogger(__name__)
 THREADS = 2
 """Clips simulated at once on the CPU; the scores do not depend on it."""
 FINE = 0.15
-"""The search between the values of the grid ends at steps no larger than this [dex]: the loss is quadratic in log E, and
-a right law that far away scores better than a wrong one at its best (docs/benchmarks/two_regions.md)."""
+"""The search between the values of the grid ends at steps no larger than this [dex]: a right law that is farther from
+its best stiffness can score worse than a wrong one at its best (docs/benchmarks/two_regions.md)."""
 FEW = 6
 """Choices of laws whose stiffness is sought more finely than the grid."""
 
