@@ -75,6 +75,23 @@ def test_every_choice_of_laws_comes_with_its_best_stiffness():
     assert E == pytest.approx([5.0, 4.75])  # 4.7 is best for the second; 5 − 0.25 is the nearest it may look at
 
 
+def test_a_right_law_far_from_the_grid_wins_over_a_wrong_one_on_it():
+    """Grid 3, 6: the right law scores (log E − 4.3)², the wrong one 0.02. Its nearest within two halvings is 4.5, of
+    0.04; steps of 0.094, the first below 0.15, end within 0.094."""
+    both = dataclasses.replace(TABLE, plastic=("identity", "fluid"), w_p=torch.tensor([[1.0, 0.0]]).repeat(N, 1))
+
+    def simulate(field, frames):
+        log_E = field.theta["E"].log10()
+        return log_E + 0.7 if field.plastic == ("fluid",) else torch.full_like(log_E, 5.0 + 0.02**0.5)
+
+    made: Any = SimpleNamespace(
+        bench=SimpleNamespace(simulate=simulate), cond=COND, table=both, labels=torch.zeros(N, dtype=torch.long)
+    )
+    found = scan(made, (3.0, 6.0), frames=3, weight="unit", work=Workspace())
+    assert [f[0]["plastic"] for f in found] == ["fluid", "identity"]
+    assert abs(float(torch.tensor(found[0][0]["theta"]["E"]).log10()) - 4.3) < 0.094
+
+
 def test_the_compass_ends_within_a_fraction_of_the_grid_step_of_the_minimum():
     """Of a convex bowl in two regions: halved h times, each region is within step/2^h."""
     goal = (4.13, 5.38)
