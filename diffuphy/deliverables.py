@@ -90,14 +90,14 @@ def speed(clip: Clip) -> list[str]:
 
 
 def limited(clip: Path) -> list[str]:
-    """What a reader must know of Gaussians that the film draws shorter than their matter is stretched."""
+    """What a reader must know of matter that the film draws shorter than it is stretched."""
     found = _summary(clip)
     if not found.get("limited_frames"):
         return []
     most, frames = found["limited_most"], found["limited_frames"]
     return [
-        f"In {frames} frames Gaussians are drawn shorter than their matter is stretched, at most {most} of "
-        f"{found['gaussians']}: film.stretch limits them, where matter has flowed or torn apart."
+        f"In {frames} frames matter is drawn shorter than it is stretched, at most {most} of {found['particles']} "
+        "particles: film.stretch limits them, where matter has flowed or torn apart."
     ]
 
 

@@ -14,6 +14,7 @@ the substeps, a sixteenth of the work.
 """
 
 import dataclasses
+import itertools
 import logging
 from dataclasses import dataclass
 from typing import ClassVar, Literal
@@ -24,7 +25,7 @@ from torch import Tensor
 from diffuphy.mpm.restrict import Restriction, restrict
 from diffuphy.mpm.rollout import simulate
 from diffuphy.mpm.scene import Scene
-from diffuphy.mpm.trajectory import Simulate
+from diffuphy.mpm.trajectory import Simulate, paced
 from diffuphy.render.film.clip import Film
 from diffuphy.types import Camera, Errors, MaterialField, Motion, Particles, SimulationDiverged, Trajectory
 from diffuphy.workspace import Workspace
@@ -120,7 +121,9 @@ class Estimate:
                 if name in done:
                     continue
                 frames = []
-                for state in simulate(its, coarse.x.to(dtype), coarse.vol.to(dtype), field):
+                its, parts = paced(its)
+                states = simulate(its, coarse.x.to(dtype), coarse.vol.to(dtype), field)
+                for state in itertools.islice(states, 0, None, parts):
                     frames.append(state.x)
                     bar.update()
                 done[name] = torch.stack(frames)

@@ -43,7 +43,7 @@ WITH_VIDEO = ("FVD", "KVD")
 class Evaluate:
     """Scores a film by everything that this machine can compute."""
 
-    VERSION: ClassVar[int] = 1
+    VERSION: ClassVar[int] = 2
 
     score: Literal["on", "off"] = "on"
     """``off`` leaves the stage out."""

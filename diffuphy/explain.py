@@ -54,12 +54,14 @@ def explain(error: Exception, arguments: Sequence[str], conf: Path) -> str | Non
 
 
 def nearest(key: str, known: Sequence[str]) -> str | None:
-    """The known name most like ``key``, by its last component or, among equals, by the whole; None if none is alike."""
+    """The known name most like ``key``, by its last component or, among equals, by the whole; one that only goes on
+    where ``key`` ends counts as nearer than four letters in five. None if none is alike."""
 
     def likeness(name: str) -> tuple[float, float]:
         ends = key.rpartition(".")[2], name.rpartition(".")[2]
         whole, end = (difflib.SequenceMatcher(None, *pair).ratio() for pair in ((key, name), ends))
-        return max(whole, end), whole
+        begun = 0.8 if len(key) > 2 and name.startswith(key) else 0.0
+        return max(whole, end, begun), whole
 
     best = max(known, key=likeness, default=None)
     return best if best is not None and likeness(best)[0] >= 0.6 else None

@@ -1,4 +1,4 @@
-"""Rotations and covariances of Gaussians."""
+"""Rotations and covariances of Gaussians, volumes of matter."""
 
 import math
 
@@ -43,3 +43,27 @@ def log_covariances(quats: Tensor, log_scales: Tensor, *, thinnest: float = 1e-3
     R = rotations(quats)
     floor = log_scales.amax(-1, keepdim=True) + math.log(thinnest)
     return (R * (2 * torch.maximum(log_scales, floor))[..., None, :]) @ R.mT
+
+
+KNOWN = 1e-3
+"""Rounding of det F over det F up to which it is believed [-]."""
+
+
+def volume_ratio(F: Tensor, Fe: Tensor | None = None) -> Tensor:
+    """Volume over rest volume J = det F, of F (..., 3, 3), in float64.
+
+    A product of many steps is rounded in each; det F of it to ε |F| |cof F|. What flows shears on and on until that is
+    all there is: then J is det Fe, the volume that the matter itself feels. It is the same for flow that keeps volume.
+
+    Args:
+        F: total deformation gradients. Fe: their elastic part; None where nothing flows.
+    """
+    G = F.double()
+    a, b, c = G.unbind(-2)
+    cofactor = torch.stack([torch.linalg.cross(b, c), torch.linalg.cross(c, a), torch.linalg.cross(a, b)], -2)
+    J = (a * cofactor[..., 0, :]).sum(-1)
+    if Fe is None:
+        return J
+    elastic = torch.linalg.det(Fe.double())
+    rounding = torch.finfo(F.dtype).eps * torch.linalg.matrix_norm(G) * torch.linalg.matrix_norm(cofactor)
+    return torch.where(rounding <= KNOWN * elastic, J, elastic)

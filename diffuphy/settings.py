@@ -37,6 +37,8 @@ def check(tree: dict[str, Any]) -> None:
     for name, value, hint in checks:
         if not fits(value, hint):
             raise ValueError(f"{name} must be {words(hint)}, got {value!r}")
+    if not -(2**63) <= (seed := tree.get("seed", 0)) < 2**63:
+        raise ValueError(f"seed must be a whole number from -2^63 to 2^63 - 1, got {seed}")
 
 
 def _declared(tree: dict[str, Any], prefix: str) -> Iterator[tuple[str, Any, Any]]:

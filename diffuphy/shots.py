@@ -58,8 +58,7 @@ class Shot(Film):
         skin, cameras = Skin.bind(gaussians, particles, self.neighbours), plain.cameras(trajectory, particles)
         frames = []
         for t, (x, F) in enumerate(zip(trajectory.x, trajectory.F, strict=True)):
-            means, F_g = skin(x, F)
-            F_g, camera = limit_stretch(F_g, self.stretch), frame_of(cameras, t)
+            camera, (means, F_g) = frame_of(cameras, t), skin(x, limit_stretch(F, self.stretch))
             frames.append(render_gaussians(skin.gaussians, camera, means=means, F=F_g, backend=self.backend).alpha[0])
         return torch.stack(frames).clamp(0, 1)
 

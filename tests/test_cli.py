@@ -366,6 +366,7 @@ def test_slug_of_several_texts_forgets_empty_ones():
 def test_nearest_name():
     assert nearest("fit.stpes", ["fit.steps", "fit.lr"]) == "fit.steps"
     assert nearest("stpes", ["guidance", "fit.steps"]) == "fit.steps"
+    assert nearest("out", ["fit.init.count", "outputs"]) == "outputs"
     assert nearest("zebra", ["fit.steps"]) is None
 
 

@@ -21,7 +21,7 @@ MAY_IMPORT = {
     "artifact": {"workspace"},
     "models": set(),
     "losses": {"types", "models"},
-    "metrics": {"types", "models"},
+    "metrics": {"types", "models", "geometry"},
     "material": {"types", "compiling"},
     "render": {"types", "workspace", "geometry", "compiling", "material"},
     "mpm": {"types", "workspace", "geometry", "compiling", "material"},

@@ -121,3 +121,10 @@ def test_every_shipped_configuration_passes(experiment):
 
 def test_a_list_of_any_length_fits_an_open_tuple():
     assert fits([], tuple[int, ...]) and fits([1, 2, 3], tuple[int, ...]) and not fits([1.5], tuple[int, ...])
+
+
+@pytest.mark.parametrize("seed", [10**20, 2**63, -(2**63) - 1])
+def test_a_seed_that_no_generator_takes_is_refused(seed):
+    with pytest.raises(ValueError, match=f"seed must be a whole number from .* got {seed}"):
+        check({"seed": seed})
+    check({"seed": 2**63 - 1})

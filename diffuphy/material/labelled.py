@@ -35,7 +35,7 @@ class Labelled(Protocol):
 class LabelledMaterial:
     """Matter by label: a particle is of what its Gaussian is made of, filler of what the nearest such particle is."""
 
-    VERSION: ClassVar[int] = 1
+    VERSION: ClassVar[int] = 2
 
     source: Labelled
     """Whose labels."""
@@ -80,6 +80,13 @@ class LabelledMaterial:
             index[mine := label == name] = k
             if not bool(mine.any()):
                 raise ValueError(f"the label {name} ({word}) has no particles; raise sample.cells, or leave it out")
+        return self._field(index)
+
+    def expected(self, motion: Motion, share: float = 1.0) -> MaterialField:
+        """What a forecast is made with: one row for each label."""
+        return self._field(torch.arange(len(self.words)))
+
+    def _field(self, index: Tensor) -> MaterialField:
         return presets.field([presets.lookup(word) for word in self.words], index)
 
 

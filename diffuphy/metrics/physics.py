@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from diffuphy.geometry import volume_ratio
 from diffuphy.types import Trajectory
 
 
@@ -75,12 +76,14 @@ def penetration(trajectory: Trajectory, world: World) -> Tensor:
 
 
 def volume(trajectory: Trajectory, vol: Tensor) -> tuple[Tensor, float]:
-    """Volume over that of the first frame, shape (T,), and the share of particles that are ever inverted, det F ≤ 0.
+    """Volume over that of the first frame, shape (T,), and the share of particles that are ever inverted, J ≤ 0, by
+    ``geometry.volume_ratio``.
 
     Args:
         vol: rest volumes, (N,) [m³].
     """
-    J = torch.stack([torch.linalg.det(f.double()) for f in trajectory.F])  # (T, N)
+    elastic = [None] * len(trajectory.F) if trajectory.Fe is None else trajectory.Fe
+    J = torch.stack([volume_ratio(F, Fe) for F, Fe in zip(trajectory.F, elastic, strict=True)])  # (T, N)
     share = (vol / vol.sum()).double()
     total = J @ share
     return total / total[0], float((J <= 0).any(0).double().mean())

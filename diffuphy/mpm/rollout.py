@@ -24,6 +24,7 @@ from diffuphy.mpm.scene import Scene
 from diffuphy.mpm.solver import Body, Solver, backward_bytes
 from diffuphy.mpm.span import Span
 from diffuphy.mpm.state import REAL, Matter, Rows, State, check, check_state, initial_state, make_matter, placed
+from diffuphy.mpm.stretch import bounded
 from diffuphy.mpm.trouble import Trouble, blame, trouble_of
 from diffuphy.types import MaterialField, Trajectory
 
@@ -183,6 +184,7 @@ def simulate(
         if grad and frame == 0:
             _say_memory(state, count if window is None else min(window, count), span, segment, keep)
         end = joined(clock, span, {"segment": segment, "kept": kept}, end, start, now, controls) if grad else end
+        end = bounded(end)
         if diagnose:
             books = balance(mixture, start, end, now, scene.scheme, scene.gravity, span.dt, scene.dx)
             taken = dataclasses.replace(taken, balance=books)

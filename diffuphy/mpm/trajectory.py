@@ -1,7 +1,9 @@
 """The stage that sets particles in motion."""
 
 import dataclasses
+import itertools
 import logging
+import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -20,12 +22,22 @@ log = logging.getLogger(__name__)
 FRAME = ("x", "v", "F", "Fe")
 """What is kept of a frame; the last where something flows."""
 
+SLOWEST = 5.0
+"""Frames a second from which on a frame is simulated as a whole [1/s]. A block of nodes holds wherever particles may
+fall in a frame, gT² and more to all sides, and every substep works on it: one of a second is 50 times as large."""
+
+
+def paced(scene: Scene) -> tuple[Scene, int]:
+    """``scene`` with its frames cut into n parts each, so that they are short enough to be simulated; and n."""
+    n = math.ceil(SLOWEST / scene.fps)
+    return (scene if n == 1 else dataclasses.replace(scene, fps=n * scene.fps, frames=n * scene.frames)), n
+
 
 @dataclass(frozen=True)
 class Play:
     """Sets particles in motion; what they meet is said by ``scene``, which the components that are played define."""
 
-    VERSION: ClassVar[int] = 6
+    VERSION: ClassVar[int] = 7
 
     seconds: float = 2.0
     """Length of the film in physical time [s]."""
@@ -41,9 +53,9 @@ class Play:
     """Compute in float64, at about twice the time."""
 
     def __post_init__(self) -> None:
-        if not (self.seconds > 0 and self.fps > 0 and self.particles_per_cell > 0):
+        if not all(0 < a < math.inf for a in (self.seconds, self.fps, self.particles_per_cell)):
             raise ValueError(
-                "seconds, fps and particles_per_cell must be positive, "
+                "seconds, fps and particles_per_cell must be positive and finite, "
                 f"got {self.seconds}, {self.fps}, {self.particles_per_cell}"
             )
         # what it refuses, it refuses before the other stages run
@@ -70,15 +82,11 @@ class Play:
         shots = _shots(saved) if saved else []
         state = State(**saved["state"]) if saved else None
         reports: list[FrameReport] = []
-        states = simulate(
-            scene,
-            particles.x.to(dtype),
-            particles.vol.to(dtype),
-            field,
-            frames=scene.frames - max(0, len(shots) - 1),
-            state=state,
-            report=reports,
-        )
+        paced_scene, parts = paced(scene)
+        left = scene.frames - max(0, len(shots) - 1)
+        x, vol = particles.x.to(dtype), particles.vol.to(dtype)
+        every = simulate(paced_scene, x, vol, field, frames=parts * left, state=state, report=reports)
+        states = itertools.islice(every, 0, None, parts)
         if saved:
             next(states)  # the state the checkpoint holds
         with work.bar(scene.frames + 1, "simulate", initial=len(shots)) as bar:
@@ -87,11 +95,12 @@ class Play:
                 bar.update()
                 if reports:
                     r = reports[-1]
-                    work.log(len(shots) - 1, substeps=r.n_sub, dt=r.dt, wave=r.wave, speed=r.speed, nodes=r.grid.nodes)
+                    n = sum(part.n_sub for part in reports[-parts:])
+                    work.log(len(shots) - 1, substeps=n, dt=r.dt, wave=r.wave, speed=r.speed, nodes=r.grid.nodes)
                 if work.due():
                     work.save(_checkpoint(shots, state))
         if reports:
-            substeps = [r.n_sub for r in reports]
+            substeps = [sum(r.n_sub for r in reports[k : k + parts]) for k in range(0, len(reports), parts)]
             log.info("simulate: %d–%d substeps a frame, Δx = %.3g m", min(substeps), max(substeps), scene.dx)
         x, v, F, *Fe = (torch.stack(parts) for parts in zip(*shots, strict=True))
         return Trajectory(x, v, F, self.fps, *Fe)

@@ -51,7 +51,7 @@ def trouble_of(end: State, status: list[int], span: Span, left: bool = False) ->
         p = status[FAST] - 1
         cells = float(end.v[p].norm()) * span.dt / span.grid.dx
         return Trouble("crossed more than one cell in a substep", p, f"|v| Δt/Δx = {cells:.4g}, at most 1")
-    for name in ("x", "v", "C", "He", "memory", "HN"):
+    for name in ("x", "v", "C", "He", "H", "memory", "HN"):
         t = getattr(end, name)
         if t is None:
             continue

@@ -102,8 +102,7 @@ class Figure:
         return made if colors is None else dataclasses.replace(made, sh=from_rgb(self._rgb(colors)))
 
     def _moved(self, x: Tensor, F: Tensor) -> tuple[Tensor, Tensor]:
-        means, F_g = self.skin(x, F)
-        return means, limit_stretch(F_g, self.stretch)
+        return self.skin(x, limit_stretch(F, self.stretch))
 
 
 @dataclass(frozen=True)

@@ -57,6 +57,13 @@ def test_ductile_things_stand_and_dent(word: str):
     assert p.yield_stress < p.rho * wave_speed(p) * 3.0
 
 
+@pytest.mark.parametrize("word", ["metal", "steel", "gold"])
+def test_metals_keep_their_shape_in_a_fall(word: str):
+    """All the energy of a fall of 0.6 m, ρ g h, spent on plastic work σ_Y ε is a mean strain of less than 10 %."""
+    p = PRESETS[word]
+    assert p.rho * G * 0.6 < 0.1 * p.yield_stress
+
+
 @pytest.mark.parametrize("word", PRESETS)
 def test_everything_flows_once_it_melts(word: str):
     """A 0.2 m stack of the melt is far beyond yield and sinks at a rate ρ g H/(3η) of more than 0.3 per second."""

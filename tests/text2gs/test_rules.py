@@ -238,6 +238,37 @@ def test_no_word_means_two_things_of_a_kind():
         assert len(parts) == len(set(parts)), recipe.name
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "a burger that is not rubber falling",
+            "cannot place 'not': say what it is made of and what it does, not what",
+        ),
+        ("a ball that does not bounce", "cannot place 'not'"),
+        ("a ball that doesn't bounce", "cannot place 'doesn'"),
+        ("a rubber ball of 200 g falling", "cannot place '200 g': a prompt says how long .* material.override.rho"),
+        ("a rubber ball that falls for two seconds", "cannot place 'two seconds'"),
+        ("a rubber ball thrown, 3 m/s", "cannot place '3 m s'"),
+        ("a metal ball bouncing on a jelly", "one object a scene: 'jelly' is a second one"),
+        ("a metal ball falling onto a red cake and bouncing", "one object a scene: 'cake' is a second one"),
+        ("a ruber buger faling", "did you mean 'burger' or "),
+    ],
+)
+def test_what_cannot_be_filmed_is_said(text, message):
+    """Leaving out a "not" would turn the sentence around; a speed is no length; a second object is not passed over
+    because it is a material too; the nearest word comes first."""
+    with pytest.raises(ValueError, match=message):
+        read(text)
+
+
+@pytest.mark.parametrize(
+    "text", ["on jelly", "on a jelly floor", "on a wooden table", "onto the sand", "against stone"]
+)
+def test_what_the_surroundings_are_made_of_is_passed_over(text):
+    assert read(f"a rubber ball falling {text}") == read("a rubber ball falling")
+
+
 # ---------------------------------------------------------------------- by construction
 MODIFIERS = {word: word for word in w.MATERIALS if word not in w.YIELDING} | {
     other: word for word, others in w.MATERIALS.items() for other in others if word not in w.YIELDING

@@ -29,7 +29,7 @@ from diffuphy.workspace import Workspace
 class Film:
     """Films a trajectory: particles carry the Gaussians, the floor carries their shadow, a rig carries the camera."""
 
-    VERSION: ClassVar[int] = 2
+    VERSION: ClassVar[int] = 3
 
     width: int = 384
     """Width [px]; even, as video codecs need."""
@@ -55,8 +55,8 @@ class Film:
     neighbours: int = 1
     """Particles each Gaussian follows; 1 lets cracks open cleanly."""
     stretch: float = 3.0
-    """A Gaussian is drawn at most this many times longer than at rest [-]: flowing matter shears without bound, the
-    patch of it that one Gaussian stands for does not."""
+    """A Gaussian is drawn at most this many times longer than at rest, and at most this many times as far from its
+    particle [-]: flowing matter shears without bound, the patch of it that one Gaussian stands for does not."""
     slow: float = 1.0
     """Seconds in which a second of physical time is played [-]; 4 is slow motion, four times, and is smooth with
     scene.fps four times as high."""
@@ -117,7 +117,7 @@ class Film:
             if self.legend and (card := draws.legend(self.height)) is not None:
                 picture = lay(picture, card)
             most = {"limited_frames": sum(n > 0 for n in counts), "limited_most": max(counts)}
-            work.summary(most | {"gaussians": len(skin.gaussians)})
+            work.summary(most | {"gaussians": len(skin.gaussians), "particles": len(particles)})
             clip = Clip(picture[..., :3], trajectory.fps, self.slow, picture[..., 3] if picture.shape[3] > 3 else None)
             work.image("film", contact_sheet(clip.rgb, fps=trajectory.fps))
         return clip
@@ -148,12 +148,12 @@ class Film:
         behind: tuple[Tensor, Tensor | None],
         draws: Brush,
     ) -> tuple[Tensor, int]:
-        """One picture (H, W, 3), or (H, W, 4) where the background is transparent; and how many Gaussians are drawn
-        shorter than their matter is stretched."""
-        gaussians, (means, F_g) = draws.gaussians(now), skin(now.x, now.F)
+        """One picture (H, W, 3), or (H, W, 4) where the background is transparent; and how many particles are drawn
+        shorter than they are stretched."""
+        F, cut = limited(now.F, self.stretch)
+        gaussians, (means, F_g) = draws.gaussians(now), skin(now.x, F)
         if fillers is not None:
-            gaussians, means, F_g = fillers.drawn(gaussians, means, F_g, now.x, now.F)
-        F_g, cut = limited(F_g, self.stretch)
+            gaussians, means, F_g = fillers.drawn(gaussians, means, F_g, now.x, now.F, now.Fe)
         image = render_gaussians(gaussians, camera, means=means, F=F_g, backend=self.backend)
         rest, (back, dark) = 1 - image.alpha[0], behind
         picture = draws.picture(image, camera) + rest[..., None] * back

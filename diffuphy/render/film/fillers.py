@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields
 import torch
 from torch import Tensor
 
+from diffuphy.geometry import volume_ratio
 from diffuphy.render.sh import polar
 from diffuphy.render.skin import Skin, nearest
 from diffuphy.types import Gaussians, Particles
@@ -52,12 +53,12 @@ class Fillers:
         return (apart.square().sum(-1) > self.reach**2).any(1)
 
     def drawn(
-        self, gaussians: Gaussians, means: Tensor, F_g: Tensor, x: Tensor, F: Tensor
+        self, gaussians: Gaussians, means: Tensor, F_g: Tensor, x: Tensor, F: Tensor, Fe: Tensor | None = None
     ) -> tuple[Gaussians, Tensor, Tensor]:
         """``gaussians`` at rest, their centres (G, 3) [m] and deformations (G, 3, 3), without the hidden fillers.
 
         Args:
-            x, F: of the particles, (N, 3) [m] and (N, 3, 3).
+            x, F: of the particles, (N, 3) [m] and (N, 3, 3). Fe: elastic part of F; None where nothing flows.
         """
         shown = self.exposed(x, F)
         keep = torch.ones(len(means), dtype=torch.bool, device=means.device)
@@ -65,7 +66,9 @@ class Fillers:
         if bool(shown.any()):
             at = self.first + shown.nonzero()[:, 0]
             F_g = F_g.clone()
-            F_g[at] = torch.linalg.det(F_g[at]).abs()[:, None, None] ** (1 / 3) * polar(F_g[at])
+            own = self.index[shown]
+            J = volume_ratio(F[own], None if Fe is None else Fe[own]).to(F_g)
+            F_g[at] = J.abs()[:, None, None] ** (1 / 3) * polar(F_g[at])
         return (
             Gaussians(**{f.name: getattr(gaussians, f.name)[keep] for f in fields(Gaussians)}),
             means[keep],

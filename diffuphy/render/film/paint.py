@@ -14,6 +14,7 @@ from typing import Literal, Protocol, Self
 import torch
 from torch import Tensor
 
+from diffuphy.geometry import volume_ratio
 from diffuphy.render.film import colormap
 from diffuphy.render.film.colormap import CATEGORIES, OTHER, Scale
 from diffuphy.types import MaterialField, Trajectory
@@ -76,18 +77,13 @@ def _stress(now: Moment, field: MaterialField | None) -> Tensor:
             f"this motion does not say what of its deformation is elastic, and {', '.join(field.plastic)} may flow: "
             "simulate again (force=trajectory)"
         )
-    return von_mises(cauchy(now.F if now.Fe is None else now.Fe, volume_ratio(now.F), field))
-
-
-def volume_ratio(F: Tensor) -> Tensor:
-    """J = det F, volume over rest volume, of (N, 3, 3)."""
-    return torch.linalg.det(F)
+    return von_mises(cauchy(now.F if now.Fe is None else now.Fe, volume_ratio(now.F, now.Fe).to(now.F), field))
 
 
 VIEWS = {
     "E": View("Young's modulus", "Pa", "log", _stiffness, matter=True),
     "stress": View("von Mises stress", "Pa", "linear", _stress, matter=True),
-    "J": View("volume ratio J", "", "ratio", lambda now, field: volume_ratio(now.F)),
+    "J": View("volume ratio J", "", "ratio", lambda now, field: volume_ratio(now.F, now.Fe).to(now.F)),
     "velocity": View("speed", "m/s", "linear", lambda now, field: torch.linalg.vector_norm(now.v, dim=1)),
 }
 """Quantities by name."""

@@ -168,14 +168,7 @@ class Reader:
             self._negation()
         elif item.text == "made":
             self.expecting = True
-            while self.i + 1 < len(self.items) and self.items[self.i + 1].text in (
-                "of",
-                "out",
-                "from",
-                "in",
-                "entirely",
-                "completely",
-            ):
+            while self.i + 1 < len(self.items) and self.items[self.i + 1].text in w.MADE:
                 self.i += 1
         elif item.text in w.PLACES:
             self._surroundings()
@@ -220,9 +213,18 @@ class Reader:
             item = self.items[self.i + 1]
             if "verb" in item.roles or item.text in ("with", "made", *w.JOINS, *w.WITHOUT):
                 break
-            if "object" in item.roles and "material" not in item.roles and "part" not in item.roles:
+            if "object" in item.roles and "part" not in item.roles and self._is_thing(self.i + 1):
                 raise ValueError(f"one object a scene: {item.text!r} is a second one; leave it out")
             self.i += 1
+
+    def _is_thing(self, i: int) -> bool:
+        """Whether the object word at i of the surroundings is one: of those that are materials too, "a jelly" is, and
+        "jelly" and "a jelly floor" are not."""
+        if "material" not in self.items[i].roles:
+            return True
+        ends = i + 1 == len(self.items) or self.items[i + 1].text in ("with", "made", *w.JOINS, *w.WITHOUT, *w.PLACES)
+        article = next((item.text for item in reversed(self.items[:i]) if not item.roles), "")
+        return (ends or "verb" in self.items[i + 1].roles) and article in ("a", "an", "another")
 
     def _quantity(self, item: Item) -> bool:
         """Lengths ("30 cm", "half a metre"), size words, counts."""
@@ -236,6 +238,11 @@ class Reader:
         after = [x.text for x in self.items[self.i + 1 : self.i + 3]]
         after_article = after[1:] if after[:1] in (["a"], ["an"]) else after
         unit = next((u for u in after_article[:1] for u in (u, u.removesuffix("s")) if u in w.UNITS or u == "in"), None)
+        last = self.i + 1 + len(after) - len(after_article)
+        told = after_article[:1] if unit is None else [x.text for x in self.items[last + 1 : last + 2]]
+        if {x for u in told for x in (u, u.removesuffix("s"))} & w.NO_LENGTHS:
+            quantity = " ".join(x.text for x in self.items[self.i : last + (1 if unit is None else 2)])
+            raise ValueError(f"cannot place {quantity!r}: {w.NO_QUANTITY}")
         if unit is None:
             if number != 1:
                 raise ValueError(

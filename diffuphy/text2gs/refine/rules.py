@@ -101,7 +101,7 @@ class Rules:
         recipe = RECIPES.get(name or "")
         r = Reader(items, recipe).read()
         if r.unknown and self.library:
-            raise ValueError(_unknown(r.unknown[0], recipe))
+            raise ValueError(_unknown(next((x for x in r.unknown if x in w.NOT), r.unknown[0]), recipe))
         if recipe is None and not r.unknown:
             raise ValueError("no noun is left for the subject; name an object")
         return self._composed(r, recipe)
@@ -227,12 +227,22 @@ def _surface(recipe: Recipe, named: dict[str, str], colours: dict[str, str], ord
 
 def _no_object(items: list[Item]) -> str:
     candidates = [i.text for i in items if means_nothing(i)]
-    near = [m for c in candidates for m in difflib.get_close_matches(c, WORDS, n=3, cutoff=0.6)][:3]
+    alike = {
+        m: max(difflib.SequenceMatcher(None, m, c).ratio() for c in candidates)
+        for c in candidates
+        for m in difflib.get_close_matches(c, WORDS, n=3, cutoff=0.6)
+    }
+    near = sorted(alike, key=alike.__getitem__, reverse=True)[:3]
     hint = f"did you mean {' or '.join(repr(m) for m in near)}? " if near else ""
     return f"no object of the library is named; {hint}it has: {', '.join(sorted(RECIPES))}; name one"
 
 
 def _unknown(word: str, recipe: Recipe | None) -> str:
+    if word in w.NOT:
+        return (
+            f"cannot place {word!r}: say what it is made of and what it does, not what it is not; "
+            "'without' leaves a part out"
+        )
     parts = [x for p in recipe.parts for x in (p.name, *p.words)] if recipe else []
     vocabulary = [*parts, *(" ".join(p) for p in lexicon())]
     near = difflib.get_close_matches(word, vocabulary, n=3, cutoff=0.6)

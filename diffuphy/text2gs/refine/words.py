@@ -118,6 +118,17 @@ UNITS: dict[str, float] = {
 }
 """Units of length [m]."""
 
+NO_LENGTHS = frozenset(
+    "g gram kg kilogram kilo lb pound ounce oz tonne n newton pa kpa mpa s sec second ms minute degree deg hz rpm "
+    "litre liter l ml percent".split()
+)
+"""Units of what a prompt cannot say."""
+
+NO_QUANTITY = (
+    "a prompt says how long a thing is and no other quantity; density is material.override.rho [kg/m³], stiffness "
+    "material.override.E [Pa], duration scene.seconds"
+)
+
 NUMBERS: dict[str, float] = {
     "half": 0.5, "one": 1, "two": 2, "three": 3, "four": 4, "five": 5, "six": 6, "seven": 7, "eight": 8, "nine": 9,
     "ten": 10, "twelve": 12, "fifteen": 15, "twenty": 20, "thirty": 30, "forty": 40, "fifty": 50, "hundred": 100,
@@ -151,6 +162,10 @@ PLACES = tuple(
 """Words that begin a phrase about the surroundings, which the plain scene does not show."""
 
 WITHOUT = ("without", "no", "minus", "lacking", "except", "hold")
+NOT = ("not", "never", "doesn", "don", "isn", "aren", "won", "cannot", "non")
+"""Words that deny what follows; a prompt says what there is ("doesn" is what is left of "doesn't")."""
+MADE = ("of", "out", "from", "in", "entirely", "completely")
+"""What follows "made"."""
 AND = ("and", "or", "nor", "plus", ",")
 JOINS = (*AND, "then", "while", "as", "but", "before", "after", "until", "when", "that", "which", "who", "where")
 """Words that end a noun phrase."""

@@ -1,5 +1,6 @@
 """The film."""
 
+import dataclasses
 import math
 from pathlib import Path
 
@@ -117,6 +118,22 @@ def test_stretch_is_limited_and_everything_else_kept() -> None:
     tame = S[:, 0] <= 1.1
     assert torch.equal(limit_stretch(torch.eye(3).expand(4, 3, 3), 3.0), torch.eye(3).expand(4, 3, 3))
     assert torch.equal(cut[tame], F[tame]) or not tame.any()
+
+
+def test_what_lies_beside_a_particle_is_carried_no_farther_than_it_is_drawn_long() -> None:
+    """Matter that was stretched 10^6 times looks like matter stretched film.stretch = 3 times, Gaussians in its arms
+    too: no splat is flung away by F times a centimetre."""
+    gaussians, particles, trajectory = falling_ball()
+    alone = dataclasses.replace(particles, gaussian=torch.full_like(particles.gaussian, -1))
+    beside = dataclasses.replace(alone, x=alone.x + 0.02)
+    films = []
+    for length in (3.0, 1e6):
+        F = torch.diag(torch.tensor([length, 0.5, 0.5])).expand_as(trajectory.F).contiguous()
+        motion = dataclasses.replace(trajectory, F=F)
+        settings = Film(width=64, height=64, fillers=False)
+        films.append(settings(gaussians, beside, motion, work=Workspace()).rgb)
+    torch.testing.assert_close(films[0], films[1], rtol=0, atol=1e-4)  # the rounding of a 1e6 in the decomposition
+    assert float(films[0].std()) > 0.05  # something is seen
 
 
 def test_a_preview_is_left_in_the_workspace(tmp_path: Path) -> None:
