@@ -46,6 +46,18 @@ QUICK = {
     "resume": ("--kills", "1"),
     "speed": ("--quick",),
     "stability": ("--quick", "--jobs", "1", "--out", "{out}"),
+    "stiffness_and_yield": (
+        "--starts",
+        "both twice",
+        "--seeds",
+        "1",
+        "--particles",
+        "200",
+        "--steps",
+        "1",
+        "--out",
+        "{out}",
+    ),
     "study": ("power", "--people", "5", "--studies", "20"),
     "two_regions": (
         "--ways",

@@ -6,17 +6,21 @@
 
 Every object is fitted as a run does it by default, and its Gaussians are sampled as a run does it. The true volume is
 counted on a lattice of the object's signed distance, with all that it encloses; the share of it that is a hollow,
-closed on all sides, is given beside. Writes docs/benchmarks/filling.{json,md}.
+closed on all sides, is given beside. "On a mesh" are Gaussians on the object's own surface (``gaussians=mesh``), which
+stand out of it. Writes docs/benchmarks/filling.{json,md}.
 """
 
 import argparse
 import dataclasses
 import json
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
 import torch
+import warp as wp
+from warp.geometry import IsoSurfaceMarchingCubes
 
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.mpm.fill import outside
@@ -27,6 +31,7 @@ from diffuphy.text2gs.fit import FitGaussians
 from diffuphy.text2gs.shapes import Library
 from diffuphy.text2gs.shapes.catalogue import RECIPES
 from diffuphy.text2gs.shapes.shape import Shape, shape
+from diffuphy.text2gs.surface import LoadMesh
 from diffuphy.types import Gaussians, Look, Motion
 from diffuphy.workspace import Workspace
 
@@ -57,6 +62,24 @@ def fitted(name: str, steps: int, fits: Path | None) -> tuple[Gaussians, float]:
     return gaussians, cameras.pixel
 
 
+def on_mesh(body: Shape) -> tuple[Gaussians, float]:
+    """Gaussians on the surface of an object, as ``gaussians=mesh`` makes them, and their units over the object's."""
+    import trimesh
+
+    line = torch.linspace(-BOX / 2, BOX / 2, CELLS + 1)
+    sdf = body.sdf(torch.cartesian_prod(line, line, line))[0].reshape(CELLS + 1, CELLS + 1, CELLS + 1)
+    corner = wp.vec3(BOX / 2, BOX / 2, BOX / 2)
+    vertices, faces = IsoSurfaceMarchingCubes.extract(
+        wp.from_torch(sdf.float().contiguous()), 0.0, lower=-corner, upper=corner
+    )
+    mesh = trimesh.Trimesh(vertices.numpy(), faces.numpy().reshape(-1, 3))
+    with tempfile.TemporaryDirectory() as scratch:
+        file = Path(scratch) / "object.ply"
+        mesh.export(file)
+        gaussians = LoadMesh(path=str(file), up="z_up")(Look("object", "an object"))
+    return gaussians, 2.0 / float(mesh.extents.max())
+
+
 def measure(name: str, steps: int, fits: Path | None) -> dict[str, Any]:
     """One row."""
     true, hollow = volume(shape(RECIPES[name]))
@@ -70,6 +93,8 @@ def measure(name: str, steps: int, fits: Path | None) -> dict[str, Any]:
         return 100 * (float(p.vol.double().sum()) / p.scale**3 / true - 1), int((p.gaussian < 0).sum()), seconds
 
     flood, filler, seconds = error()
+    meshed, unit = on_mesh(shape(RECIPES[name]))
+    p = Sample(max_particles=10**6, pixel=0.0)(meshed, Motion("falling", ""), work=Workspace())
     return {
         "object": name,
         "volume": true,
@@ -81,6 +106,7 @@ def measure(name: str, steps: int, fits: Path | None) -> dict[str, Any]:
         "threshold_0.7_%": error(threshold=0.7)[0],
         "pixel_0_%": error(pixel=0.0)[0],
         "12000_particles_%": error(max_particles=12_000)[0],
+        "on_a_mesh_%": 100 * (float(p.vol.double().sum()) / p.scale**3 / unit**3 / true - 1),
         "carry_none": filler,
         "seconds": seconds,
     }

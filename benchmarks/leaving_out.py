@@ -23,7 +23,7 @@ import torch
 
 from benchmarks.speed.body import describe, material
 from benchmarks.speed.page import table
-from diffuphy.mpm import Acceleration, HalfSpace, Scene, Schedule, Scheme, State, simulate
+from diffuphy.mpm import Acceleration, HalfSpace, Held, InBox, Scene, Schedule, Scheme, State, simulate
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -77,6 +77,8 @@ METAL = HENCKY | {"plastic": ("von_mises",)}
 HARDENING = HENCKY | {"plastic": ("von_mises_hardening",)}
 TWO = HENCKY | {"elastic": ("hencky", "neo_hookean")}
 SMOOTH, ROUGH, SLIP = (BARE | {"walls": (w,)} for w in (HalfSpace(), FLOOR, HalfSpace(kind="slip")))
+EDGE = InBox(low=(-1.0, -1.0, -1.0), high=(0.1, 1.0, 1.0))
+"""A part of the block."""
 SUMS = {"walls": (FLOOR,), "gather": ("impulse", "expected_dv")}
 
 FEATURES = {
@@ -102,6 +104,10 @@ FEATURES = {
     "drives": _feature(
         BARE, BARE | {"drives": (Acceleration(acceleration=(5.0, 0.0, 0.0)),)},
         BARE | {"drives": (Acceleration(acceleration=(0.0, 0.0, 0.0)),)}, words="accelerate",
+    ),
+    "held matter": _feature(
+        _with(sharpen=True), _with(sharpen=True) | {"drives": (Held(where=EDGE),)},
+        _with(sharpen=True) | {"drives": (Held(where=EDGE, start=1e3),)}, words="mark join stops", node=3,
     ),
     "gravity": _feature(BARE | {"gravity": (0.0, 0.0, 0.0)}, BARE, BARE | {"gravity": (0.0, 0.0, -0.0)}),
     "retention": _feature(BARE, _with(retain=1.0), why_not="with a memory of velocities their gradient is turned too"),

@@ -17,6 +17,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--gaussians", type=int, default=20_000, metavar="N", help="most Gaussians of html (20000)")
     p.add_argument("--page-frames", type=int, default=60, metavar="N", help="most frames of html (60)")
     p.add_argument("--resolution", type=int, default=96, metavar="N", help="cells along the object, for meshes (96)")
+    p.add_argument("--alone", action="store_true", help="leave out what stands around the object")
     return p
 
 
@@ -36,8 +37,9 @@ def main(argv: Sequence[str] | None = None) -> int:
                 print(f"{name:<16}{(writer.__doc__ or '').splitlines()[0]}")
             return 0
         options = Options(
-            Path(given.out or given.run), given.up, given.every, given.gaussians, given.page_frames, given.resolution
-        )
+            Path(given.out or given.run), given.up, given.every, given.gaussians, given.page_frames, given.resolution,
+            not given.alone,
+        )  # fmt: skip
         for name in check(given.formats):
             for path in write(run, [name], options)[name]:
                 print(f"{name:<16}{os.path.relpath(path)}  {size(path) / 1e6:.2f} MB")

@@ -9,7 +9,7 @@ from typing import Any
 from diffuphy.artifact import SCRATCH, Done, Stage, Store, check_names
 from diffuphy.metrics.score import Scores
 from diffuphy.plan import Line, Plan, cost_lines, make_plan, predicted, pruned_lines, stage_lines
-from diffuphy.render.film.views import Views
+from diffuphy.render.film.views import OtherViews, Views
 from diffuphy.types import Clip, Errors, Gaussians, MaterialField, Particles, Prompt, Trajectory
 
 log = logging.getLogger(__name__)
@@ -28,7 +28,8 @@ def stages(components: dict[str, Any]) -> list[Stage]:
         Stage("clip", Clip, c["clip"], ("gaussians", "particles", "trajectory", *painted(c["clip"]))),
     ]
     if getattr(c["clip"], "also", ()):
-        table.append(Stage("views", Views, c["clip"].others, ("gaussians", "particles", "trajectory", "material")))
+        made_of = ("gaussians", "particles", "trajectory", "material")
+        table.append(Stage("views", Views, OtherViews.of(c["clip"]), made_of))
     if "errors" in c and c["errors"].error == "on":
         made_of = ("prompt.motion", "particles", "material", "trajectory")
         table.append(Stage("errors", Errors, c["errors"], made_of))

@@ -39,7 +39,7 @@ MAY_IMPORT = {
     "pipeline": {"types", "artifact", "plan", "metrics", "render"},
     "judgement": {"types", "artifact", "render"},
     "scorecard": {"artifact", "render", "metrics"},
-    "formats": {"types", "render", "geometry"},
+    "formats": {"types", "render", "geometry", "composing"},
     "deliverables": {"types", "artifact", "plan", "render", "judgement", "scorecard", "formats"},
     "export": {"formats"},
     "explain": set(),

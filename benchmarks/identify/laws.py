@@ -32,9 +32,10 @@ def hypotheses() -> list[tuple[str, float, Trajectory]]:
     """The drops of all laws and stiffnesses that can be simulated."""
     found = []
     for law in LAWS:
+        matter = specimen(law)
         for log_E in E:
             try:
-                found.append((law, float(log_E), fitting().drop(specimen(law), log_E[None])))
+                found.append((law, float(log_E), fitting(matter).drop(matter, log_E[None])))
             except SimulationDiverged:
                 continue
     return found

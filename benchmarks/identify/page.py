@@ -12,8 +12,8 @@ from benchmarks._draw import GREEN, INK, PALE, PAPER, RED, YELLOW, Curve, Panel,
 from benchmarks.identify import takes
 from benchmarks.identify.rows import rate
 from benchmarks.identify.specimens import SPECIMENS
+from benchmarks.identify.watch import CAMERA
 from benchmarks.identify.words import (
-    CAMERA,
     ELASTIC,
     INTRO,
     LAWS,
@@ -75,20 +75,33 @@ def targets(found: dict[str, list[Row]]) -> str:
     ):
         rows = [r for r in camera if r["specimen"] == name]
         line(words, tolerance, rows, lambda r, key, at=at: r[key][at])
-    halves = [r for r in camera if r["specimen"] == "two halves"]
-    line("E of two halves, one ten times the other: both", "0.15 dex", halves, lambda r, key: all(r[key]))
+    for body, rows in grouped(camera, body_of).items():
+        if SPECIMENS[rows[0]["specimen"]].halves:
+            line(f"E of {body}: both", "0.15 dex", rows, lambda r, key: all(r[key]))
     line("plastic law", "the right one", found.get("laws", ()), lambda r, _: r["right"])
     head = ("sought", "tolerance", "same resolution", "finer reference, twice the tolerance")
     return "\n" + markdown(head, lines) + WHY
 
 
 # ---------------------------------------------------------------------- the parts
-def grouped(rows: Iterable[Row], *keys: str) -> dict[tuple, list[Row]]:
-    """Rows that agree in these fields, in the order in which they are found first."""
-    groups: dict[tuple, list[Row]] = defaultdict(list)
+def grouped(rows: Iterable[Row], key: Callable[[Row], Any]) -> dict[Any, list[Row]]:
+    """Rows of which the same can be said, in the order in which they are found first."""
+    groups: dict[Any, list[Row]] = defaultdict(list)
     for r in rows:
-        groups[tuple(r[k] for k in keys)].append(r)
+        groups[key(r)].append(r)
     return groups
+
+
+def fields(*names: str) -> Callable[[Row], tuple]:
+    return lambda row: tuple(row[name] for name in names)
+
+
+def body_of(row: Row) -> str:
+    """The specimen, and which of its halves is the softer one where that matters."""
+    specimen, truth = SPECIMENS[row["specimen"]], row["truth"]
+    if specimen.split != "z":
+        return specimen.name
+    return f"{specimen.name}, the {'upper' if truth[0] > truth[1] else 'lower'} one softer"
 
 
 def rate_of(rows: Sequence[Row], key: str, at: int | None = None) -> str:
@@ -97,7 +110,7 @@ def rate_of(rows: Sequence[Row], key: str, at: int | None = None) -> str:
 
 def stiffness(rows: Sequence[Row], out: Path) -> str:
     lines, worst = [], defaultdict(list)
-    groups = grouped(rows, "way", "distance", "side", "reference")
+    groups = grouped(rows, fields("way", "distance", "side", "reference"))
     for (way, distance, side, reference), its in sorted(groups.items(), reverse=True):
         start = "whole stage" if way == "stage" else f"training alone, {distance:g} dex too {SIDE[side]}"
         errors, hits = [abs(r["error"]) for r in its], [r["hit"] for r in its if r["right"]]
@@ -127,16 +140,16 @@ def stiffness(rows: Sequence[Row], out: Path) -> str:
 def parameters(rows: Sequence[Row], out: Path) -> str:
     lines, names = [], []
     cells: dict[str, dict] = {"fine": {}, "same": {}}
-    for name, specimen in SPECIMENS.items():
-        mine = grouped((r for r in rows if r["specimen"] == name), "reference", "what")
-        for at, (word, unit) in enumerate(specimen.sought):
-            names += [f"{name}: {word}"] if mine else []
-            for (reference, what), its in mine.items():
+    order = list(SPECIMENS)
+    for body, those in grouped(sorted(rows, key=lambda r: order.index(r["specimen"])), body_of).items():
+        for at, (word, unit) in enumerate(SPECIMENS[those[0]["specimen"]].sought):
+            names.append(f"{body}: {word}")
+            for (reference, what), its in grouped(those, fields("reference", "what")).items():
                 errors = [abs(r["errors"][at]) for r in its]
                 key = "right" if reference == "same" else "within_twice"
                 cells[reference][names[-1], SHORT[what]] = cell([r[key][at] for r in its])
                 lines.append([
-                    name, word, reference, what, rate_of(its, "right", at), rate_of(its, "within_twice", at),
+                    body, word, reference, what, rate_of(its, "right", at), rate_of(its, "within_twice", at),
                     f"{in_unit(median(errors), unit)}, {in_unit(max(errors), unit)}",
                     f"{median(r['clips'] for r in its):.0f}", f"{median(r['seconds'] for r in its):.1f}",
                 ])  # fmt: skip
@@ -162,7 +175,8 @@ def cell(right: Sequence[bool]) -> tuple[str, str, str]:
 
 
 def laws(rows: Sequence[Row], out: Path) -> str:
-    groups = grouped(rows, "law", "reference") | {("all", k[0]): v for k, v in grouped(rows, "reference").items()}
+    groups = grouped(rows, fields("law", "reference"))
+    groups |= {("all", k): v for k, v in grouped(rows, lambda r: r["reference"]).items()}
     lines = []
     for (law, reference), its in groups.items():
         wrong = Counter(r["found"] for r in its if not r["right"])
@@ -202,19 +216,19 @@ def seen(rows: Sequence[Row], out: Path) -> str:
 
 def resolution(rows: Sequence[Row], out: Path) -> str:
     lines, curves = [], defaultdict(list)
-    for (name, contact, particles), its in sorted(grouped(rows, "specimen", "contact", "particles").items()):
+    for (name, scheme, particles), its in sorted(grouped(rows, fields("specimen", "scheme", "particles")).items()):
         units = [unit for _, unit in SPECIMENS[name].sought]
         bias = ["; ".join(signed(v, u) for v, u in zip(r["bias"], units, strict=True)) for r in its]
         seconds = median(r["seconds"] for r in its)
-        lines.append([name, str(particles), contact, " / ".join(bias), f"{seconds:.2f}"])
-        if contact == "elastic":
+        lines.append([name, str(particles), scheme, " / ".join(bias), f"{seconds:.2f}"])
+        if scheme == ("elastic, neither" if name == "sand" else "elastic"):
             allowed = next(iter(SPECIMENS[name].tolerance.values()))[0]
             curves[name].append((seconds, max(abs(v) for r in its for v in r["bias"]) / allowed))
     plot = Plot(
         "Error against run time", "seconds a clip", "worst error over tolerance",
         [Curve(n, sorted(c), k) for k, (n, c) in enumerate(curves.items())],
     )  # fmt: skip
-    head = ("body", "particles", "contact", "error, against each reference", "seconds a clip")
+    head = ("body", "particles", "contact, scheme", "error, against each reference", "seconds a clip")
     title = "What discretisation does to an estimate"
     return (
         RESOLUTION

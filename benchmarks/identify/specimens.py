@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from benchmarks.identify.bodies import GRAINS, PROBE, Split
 from diffuphy.learning.case import parameters
 from diffuphy.learning.identifiability import coordinate_of, value_at
+from diffuphy.learning.probe import Probe
 from diffuphy.material import Param
 from diffuphy.material.field import Hypothesis, warm_start
 from diffuphy.types import MaterialField
@@ -29,11 +31,27 @@ class Specimen:
     """Name of a parameter → range that truths are drawn from [SI]."""
     tolerance: Mapping[str, tuple[float, str]]
     """What counts as found: dex, a relative error or the parameter's unit."""
-    halves: bool = False
-    """Whether the lower and the upper half have parameters of their own; all of the lower ones come first."""
+    split: Split | None = None
+    """Axis from one half to the other if they have parameters of their own; all of the first half come first."""
+
+    probe: Probe = PROBE
+    """How it is dropped and simulated."""
 
     def __hash__(self) -> int:
         return hash(self.name)
+
+    @property
+    def halves(self) -> bool:
+        return self.split is not None
+
+    @property
+    def seam(self) -> Split:
+        """Where the colours of the skin change."""
+        return self.split or "z"
+
+    @property
+    def regions(self) -> int:
+        return 1 + self.halves
 
     @property
     def params(self) -> tuple[Param, ...]:
@@ -44,11 +62,7 @@ class Specimen:
     @property
     def sought(self) -> list[tuple[str, str]]:
         """Name and unit of error of each coordinate."""
-        return [
-            (f"{n} {half}".strip(), self.tolerance[n][1])
-            for half in (("below", "above") if self.halves else ("",))
-            for n in self.unknown
-        ]
+        return [(f"{n} {half}".strip(), self.tolerance[n][1]) for half in HALVES[self.split] for n in self.unknown]
 
     def box(self, beyond: float = 0.0) -> tuple[Tensor, Tensor]:
         """Ends of the ranges of the truths in coordinates, widened by so many dex or ranges, inside the bounds."""
@@ -58,7 +72,7 @@ class Specimen:
             ends = coordinate_of(p, p.lo), coordinate_of(p, p.hi)
             lo.append(max(a - beyond, ends[0] + 0.01))
             hi.append(min(b + beyond, ends[1] - 0.01))
-        times = 1 + self.halves
+        times = self.regions
         return torch.tensor(lo * times, dtype=torch.float64), torch.tensor(hi * times, dtype=torch.float64)
 
     def draw(self, generator: torch.Generator) -> Tensor:
@@ -68,7 +82,7 @@ class Specimen:
 
     def values(self, q: Tensor) -> list[float]:
         """The parameters at coordinates [SI]."""
-        return [value_at(p, v) for p, v in zip(self.params * (1 + self.halves), q.tolist(), strict=True)]
+        return [value_at(p, v) for p, v in zip(self.params * self.regions, q.tolist(), strict=True)]
 
     def field(self, labels: Tensor, q: Tensor) -> MaterialField:
         """The material at coordinates, in the regions of the particles."""
@@ -76,22 +90,23 @@ class Specimen:
         regions = [values[: len(names)], values[-len(names) :]]
         made = [Hypothesis(self.elastic, self.plastic, {**self.theta, **dict(zip(names, v, strict=True))}, self.rho)
                 for v in regions]  # fmt: skip
-        return warm_start((self.elastic,), (self.plastic,), labels * int(self.halves), made[: 1 + self.halves])
+        return warm_start((self.elastic,), (self.plastic,), labels * int(self.halves), made[: self.regions])
 
     def errors(self, q: Tensor, truth: Tensor) -> list[float]:
         """Errors in the unit of the tolerance, one for each coordinate."""
         found = []
-        names = list(self.unknown) * (1 + self.halves)
+        names = list(self.unknown) * self.regions
         for name, a, b, u, v in zip(names, q.tolist(), truth.tolist(), self.values(q), self.values(truth), strict=True):
             unit = self.tolerance[name][1]
             found.append(a - b if unit == "dex" else (u / v - 1 if unit == "%" else u - v))
         return found
 
     def right(self, errors: list[float], times: float = 1.0) -> list[bool]:
-        names = list(self.unknown) * (1 + self.halves)
+        names = list(self.unknown) * self.regions
         return [abs(e) <= times * self.tolerance[n][0] for n, e in zip(names, errors, strict=True)]
 
 
+HALVES: dict[Split | None, tuple[str, ...]] = {None: ("",), "z": ("below", "above"), "x": ("left", "right")}
 SOFT, STIFF = 10**3.9, 10**5.9
 SPECIMENS = {
     s.name: s
@@ -115,7 +130,7 @@ SPECIMENS = {
         ),
         Specimen(
             "sand", "hencky", "drucker_prager", {"E": 5e5, "nu": 0.2, "friction_angle": 30.0, "cohesion": 0.0}, 1600.0,
-            {"friction_angle": (18.0, 45.0)}, {"friction_angle": (4.0, "deg")},
+            {"friction_angle": (18.0, 45.0)}, {"friction_angle": (4.0, "deg")}, probe=GRAINS,
         ),
         Specimen(
             "honey", "hencky", "viscoplastic", {"E": 5e4, "nu": 0.42, "yield_stress": 10.0, "viscosity": 60.0}, 1400.0,
@@ -123,7 +138,11 @@ SPECIMENS = {
         ),
         Specimen(
             "two halves", "neo_hookean", "identity", {"E": 1e5, "nu": 0.4}, 1000.0,
-            {"E": (10**3.9, 10**5.6)}, {"E": (0.15, "dex")}, halves=True,
+            {"E": (10**3.9, 10**5.6)}, {"E": (0.15, "dex")}, split="z",
+        ),
+        Specimen(
+            "halves side by side", "neo_hookean", "identity", {"E": 1e5, "nu": 0.4}, 1000.0,
+            {"E": (10**3.9, 10**5.6)}, {"E": (0.15, "dex")}, split="x",
         ),
     )
 }  # fmt: skip

@@ -7,10 +7,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from benchmarks.identify.bodies import SIZE, Reference, halves, skin_of_ball
+from benchmarks.identify.bodies import SIZE, Reference, skin_of_ball
 from benchmarks.identify.recover import fitting, made_by, truth_of
 from benchmarks.identify.rows import Rows, Stopwatch
-from benchmarks.identify.specimens import SPECIMENS, Specimen
+from benchmarks.identify.specimens import HALVES, SPECIMENS, Specimen
 from diffuphy.learning.appearance import appearance
 from diffuphy.learning.case import Case, Conditions, with_columns
 from diffuphy.learning.fit_material import FitMaterial
@@ -44,15 +44,15 @@ class Watched(Workspace):
 
 def case_of(specimen: Specimen, truth: Tensor, reference: Reference, seed: int) -> Case:
     """The ball on the product's bench, and a prior that has a clip of the truth in mind, made elsewhere."""
-    mine, theirs = fitting(), made_by(reference, seed)
+    mine, theirs = fitting(specimen), made_by(specimen, reference, seed)
     clips = TableClips(theirs.bench, specimen.field(theirs.labels, truth))
     guidance = Analytic(layout="clip", s=0.0, references=clips)
     motion = Motion("falling", f"a {specimen.name} ball falling", {"": "rubber"}, SIZE)
     middle = torch.stack(specimen.box()).mean(0)
     table = with_columns(specimen.field(mine.labels, middle), (specimen.elastic,), (specimen.plastic,))
-    labels = halves(mine.bench.draft) * int(specimen.halves)
-    points = appearance(skin_of_ball(), mine.bench.draft)
-    names = ("lower", "upper") if specimen.halves else ("ball",)
+    labels = mine.labels * int(specimen.halves)
+    points = appearance(skin_of_ball(split=specimen.seam), mine.bench.draft)
+    names = HALVES[specimen.split] if specimen.halves else ("ball",)
     return Case(mine.bench, Conditions(guidance, motion, mine.bench), table, points, labels, names, labels)
 
 

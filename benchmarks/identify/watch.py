@@ -8,7 +8,7 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from benchmarks.identify.bodies import SIZE, bench, halves
+from benchmarks.identify.bodies import PROBE, SIZE, Split, bench, halves
 from benchmarks.identify.specimens import Specimen
 from diffuphy.learning.probe import Bench, Probe
 from diffuphy.losses.takes import Take
@@ -17,10 +17,9 @@ from diffuphy.types import Gaussians, Trajectory
 
 What = Literal["particles", "1 camera", "4 cameras", "1 camera, noise"]
 WHAT: tuple[What, ...] = ("particles", "1 camera", "4 cameras", "1 camera, noise")
+CAMERA: What = "1 camera"
 NOISE = 0.05
 """Standard deviation of a noisy pixel [-]: 13 grey levels of 255."""
-PROBE = Probe(frames=8, contact="elastic")
-"""The product's drop, one impact and the rise after it."""
 
 
 def markers(count: int = 500) -> Gaussians:
@@ -37,14 +36,15 @@ class Watch:
     """The ball on the bench, simulated with any material and looked at."""
 
     bench: Bench
+    split: Split = "z"
 
     @classmethod
-    def make(cls, seed: int, finer: float = 1.0, probe: Probe = PROBE) -> "Watch":
-        return cls(bench(probe, seed=seed, finer=finer))
+    def make(cls, seed: int, finer: float = 1.0, probe: Probe = PROBE, split: Split = "z") -> "Watch":
+        return cls(bench(probe, seed=seed, finer=finer, split=split), split)
 
     @cached_property
     def labels(self) -> Tensor:
-        return halves(self.bench.draft)
+        return halves(self.bench.draft, self.split)
 
     @cached_property
     def marked(self) -> Skin:

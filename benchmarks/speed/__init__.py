@@ -83,6 +83,7 @@ def coefficients(
     known |= prices.fit(rasteriser.harmonics(repeat, device))
     for rows in network.rows(found["network"], found["rays"]):
         known |= prices.fit(rows)
+    known |= prices.fit(network.labels(repeat, device))
     worst = max(map(abs, prices.errors([*forward, *backward], known)))
     table = {"machine": describe(device), "yardstick": machine.measure(device), "worst_of_a_rollout": round(worst, 3)}
     if not made:

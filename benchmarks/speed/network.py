@@ -1,6 +1,8 @@
-"""Timings of what is neither simulation nor picture: the material network, and the rays of the embedded prior."""
+"""Timings of what is neither simulation nor picture: the material network, the rays of the embedded prior, and labels
+that are looked for."""
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -11,10 +13,11 @@ from benchmarks.speed.simulation import best
 from diffuphy.cost.learning import flops
 from diffuphy.material import ELASTIC
 from diffuphy.material.encoder import N_FEATURES, Points
+from diffuphy.material.labelled import of_particles
 from diffuphy.material.net import Net
 from diffuphy.render import orbit
 from diffuphy.text2gs.shapes import Library
-from diffuphy.types import Look
+from diffuphy.types import Look, Particles
 
 OBJECTS = ("ball", "snowman", "duck", "mug", "burger", "pancakes")
 """Objects of few and of many primitives."""
@@ -63,6 +66,26 @@ def rays(repeat: int, device: str, size: int = 96) -> list[dict[str, Any]]:
         found.append(
             {"object": name, "size": size, "rays": 4 * size**2, "crowd": shape.crowd, "ms": 1e3 * best(trace, repeat)}
         )
+    return found
+
+
+def labels(repeat: int, device: str, sizes: Sequence[int] = (4_000, 16_000)) -> list[Row]:
+    """Timed work of finding, for each particle inside, the nearest one of known label; half of them are inside."""
+    found = []
+    for n in sizes:
+        g = torch.Generator().manual_seed(0)
+        index = torch.arange(n)
+        carried = torch.where(index % 2 == 0, index // 2, -1)
+        x = torch.rand(n, 3, generator=g)
+        particles = Particles(x, torch.ones(n), carried, 1.0, (0.0, 0.0, 0.0), n ** (-1 / 3)).to(device)
+        known = (torch.arange(n // 2) % 2).to(device)
+
+        def look(particles: Particles = particles, known: torch.Tensor = known) -> float:
+            begin = now(device)
+            of_particles(known, particles)
+            return now(device) - begin
+
+        found.append(({"label.pair": n**2 / 4}, best(look, repeat)))
     return found
 
 

@@ -31,9 +31,11 @@ A plan says what each stage will take before it starts, and what leaving somethi
 N R transfers, N R times each law, M R nodal passes; a step of distillation draws a picture forward and backward; and so
 on. Nothing of the object exists yet, so its shape comes from the prior's library (volume, sides, how many primitives a
 ray meets), its stiffness from the material table and from what the scan and the training can reach, the speed of the
-film from free fall. *Prices* are what makes a set of timings come out right, by non-negative least squares of relative
-residuals; they are in `diffuphy/cost/coefficients.json`. The *pace* of the present machine is a yardstick of about
-0.1 s, run once and kept in the user's cache folder.
+film from free fall. A material that is not found our way says itself what it will be (`expected(motion, share)`: a
+field of one row for each kind of matter, as stiff as its stiffest particle after a share of the steps): so rivals,
+materials that are stated, and those of labels have a price too. *Prices* are what makes a set of timings come out
+right, by non-negative least squares of relative residuals; they are in `diffuphy/cost/coefficients.json`. The *pace* of
+the present machine is a yardstick of about 0.1 s, run once and kept in the user's cache folder.
 
 Kernels that a machine has not built before are built on the way (0.5 to 20 s each, once) and are not predicted; neither
 is what another process on the machine takes. On a GPU without prices of its own those of a processor are scaled by the

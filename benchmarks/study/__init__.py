@@ -45,7 +45,7 @@ def main(arguments: list[str] | None = None) -> int:
     scoring = commands.add_parser("score", help="ratings → tables with error bars")
     scoring.add_argument("key", type=Path)
     scoring.add_argument("ratings", type=Path, nargs="+")
-    scoring.add_argument("--ours", default="diffuphygs", help="the method that the others are compared with")
+    scoring.add_argument("--ours", default="DiffuPhyGS", help="the method that the others are compared with")
     scoring.add_argument("--missed", type=int, default=1, help="catch trials that a participant may answer wrongly")
     scoring.add_argument("--out", type=Path, default=None, help="folder for study.md and its CSV files")
     powering = commands.add_parser("power", help="how often a study of this size finds a difference that is there")

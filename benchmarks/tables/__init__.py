@@ -3,6 +3,7 @@
     python -m benchmarks tables quantitative                 # methods × prompts × seeds, physical error and the rest
     python -m benchmarks tables efficiency                   # seconds a step, in all, peak memory
     python -m benchmarks tables ablation                     # our method with one part left out at a time
+    python -m benchmarks tables look                         # the object with one part left out, all its steps
     python -m benchmarks tables prompt                       # fuzzy sentences with and without refinement
     python -m benchmarks tables quantitative --pages         # the page again, from the rows that are there
 
@@ -22,22 +23,35 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.tables import gather, page
-from benchmarks.tables.protocol import ABLATIONS, FUZZY, METHODS, PAPER, PROMPTS, REFINEMENT, SIZES, Task, tasks
+from benchmarks.tables.protocol import (
+    ABLATIONS,
+    FUZZY,
+    METHODS,
+    OBJECTS,
+    PAPER,
+    PROMPTS,
+    REFINEMENT,
+    SIZES,
+    Task,
+    tasks,
+)
 
 ROOT = Path(__file__).parents[2]
 
 PLANS: Mapping[str, tuple[Sequence[str], Mapping[str, tuple[str, ...]], Mapping[str, str]]] = {
     "quantitative": (PROMPTS, METHODS, {}),
     "efficiency": (PAPER, METHODS, {}),
-    "ablation": (PAPER, ABLATIONS, {}),
+    "ablation": (PAPER, ABLATIONS, {p: p for p in PAPER}),
+    "look": (PAPER, OBJECTS, {p: p for p in PAPER}),
     "prompt": (tuple(FUZZY), REFINEMENT, FUZZY),
 }
-"""Prompts, variants, and what fuzzy prompts mean, of each table."""
+"""Prompts, variants, and what was meant by each prompt where variants change the object, of each table."""
 
 TITLES = {
     "quantitative": "Methods compared",
     "efficiency": "What each method takes",
     "ablation": "Our method with one part left out",
+    "look": "The object with one part left out",
     "prompt": "Sentences as people write them",
 }
 
@@ -69,8 +83,10 @@ SAYS = {
     "that material and shows what is left to the simulation.",
     "efficiency": "The material stage; a step is one step of the optimiser (the paper's epoch): one drop simulated, "
     "filmed, compared, and its gradient. Mean over prompts ± standard deviation over at most {seeds} seeds.",
-    "ablation": "Physical error as in [the comparison of methods](quantitative.md), %; mean ± standard deviation over "
-    "at most {seeds} seeds.",
+    "ablation": "In % of the object's size, mean ± standard deviation over at most {seeds} seeds; physical error as in "
+    "[the comparison of methods](quantitative.md).",
+    "look": "PSNR [dB] of eight views that no fit saw, against the embedded prior's own object; mean ± standard "
+    "deviation over at most {seeds} seeds.",
     "prompt": "Distance to the motion of the sentence that was meant, in the centre of mass and the three root mean "
     "square extents, % of the object's size; mean ± standard deviation over at most {seeds} seeds.",
 }
@@ -79,10 +95,17 @@ SAYS = {
 MAKES: Mapping[str, Sequence[Callable[[Sequence[gather.Row]], str]]] = {
     "quantitative": (page.by_prompt, page.lead, page.measures, page.weights),
     "efficiency": (page.efficiency,),
-    "ablation": (page.by_prompt, page.measures, page.weights),
-    "prompt": (page.by_prompt,),
+    "ablation": (page.ablations, page.parts, page.twins, page.measures, page.weights),
+    "look": (page.by_look, page.object_parts, page.twins),
+    "prompt": (page.by_prompt, page.looks, page.twins),
 }
 """What a page is made of."""
+
+SHOWN = {
+    "efficiency": ("cpu_seconds", "processor time of the material [s]"),
+    "ablation": ("meant", "distance to the motion of what was meant / size"),
+}
+"""Number and label of the figure, where it is not the error."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -93,7 +116,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--prompts", nargs="+", default=None)
     parser.add_argument("--methods", nargs="+", default=None, help="columns of the table to run; by default all")
     parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2])
-    parser.add_argument("--size", choices=list(SIZES), default="small")
+    parser.add_argument("--size", choices=list(SIZES), help="small, but for look, whose objects are not done so soon")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--films", action="store_true", help="make and score the films, and list them for a user study")
@@ -111,20 +134,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
     rows: Sequence[gather.Row] = gather.read(rows_file) if rows_file.exists() and not options.fresh else []
     jobs = [] if options.pages else tasks(options.prompts or prompts, options.seeds, variants, meant)
     films = options.out / "films" if options.films else None
-    its = {"size": options.size, "store": options.store.resolve(), "device": options.device, "films": films}
+    size = options.size or ("default" if options.table == "look" else "small")
+    until = "gaussians" if options.table == "look" else "trajectory"
+    its = {"size": size, "store": options.store.resolve(), "device": options.device, "until": until, "films": films}
     for found in rows_of(jobs, options.jobs, **its):
         rows = gather.merged(rows, found)
         gather.write(rows, rows_file)
     if not rows:
         parser.error(f"there are no rows in {rows_file} yet; run without --pages")
-    said = f"`python -m benchmarks tables {options.table} --size {options.size}`; {machine(options.device)}."
+    said = f"`python -m benchmarks tables {options.table} --size {size}`; {machine(options.device)}."
     (options.out / f"{options.table}.md").write_text(text(options.table, rows, said), encoding="utf-8")
-    shown = ("cpu_seconds", "processor time of the material [s]") if options.table == "efficiency" else ()
-    page.figure(rows, options.out / f"{options.table}.png", *shown)
+    if options.table != "look":
+        page.figure(rows, options.out / f"{options.table}.png", *SHOWN.get(options.table, ()))
+    elif jobs:
+        draw(jobs, size, options.store.resolve(), options.device, options.out / "look.png")
     if any("film" in r for r in rows):
         list_films(rows, options.out / "films.csv")
     print(text(options.table, rows, said))
     return 0
+
+
+def draw(jobs: Sequence[Task], size: str, store: Path, device: str, path: Path) -> None:
+    """The objects of the first seed, a row for each prompt: the prior's own, then every variant's."""
+    from benchmarks.tables.look import sheet
+    from benchmarks.tables.work import objects
+
+    first = [job for job in jobs if job.seed == jobs[0].seed]
+    sheet([objects(job, size, store, device) for job in first], ["the prior's", *jobs[0].variants]).save(path)
 
 
 def machine(device: str) -> str:

@@ -96,7 +96,7 @@ def read(path: Path) -> list[dict[str, Any]]:
     """Rows of ``write``; numbers are numbers again, empty cells are left out."""
 
     def parsed(name: str, text: str) -> Any:
-        if name in ("prompt", "variant", "why", "film"):
+        if name in ("prompt", "variant", "why", "film", "digest"):
             return text
         return int(text) if name == "seed" else float(text)
 

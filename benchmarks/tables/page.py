@@ -3,10 +3,14 @@
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from benchmarks._draw import INK, LINES, PALE, Sheet
 from benchmarks.tables.gather import Mean, Row, across, ahead, cells
-from benchmarks.tables.protocol import GIVEN, OURS
+from benchmarks.tables.protocol import ANOTHER, GIVEN, OURS, WHOLE
+
+Best = Callable[..., Any]
+"""``min`` or ``max``."""
 
 MEASURES = {
     "physical error [%]": ("error", 100),
@@ -35,13 +39,13 @@ def names(rows: Sequence[Row], key: str) -> list[str]:
     return list(dict.fromkeys(r[key] for r in rows))
 
 
-def by_prompt(rows: Sequence[Row], metric: str = "error", scale: float = 100) -> str:
+def by_prompt(rows: Sequence[Row], metric: str = "error", scale: float = 100, *, better: Best = min) -> str:
     """Mean ± spread for every prompt and variant, the best of those that were not told in bold."""
     found, variants = cells(rows, metric), names(rows, "variant")
     lines = []
     for prompt in names(rows, "prompt"):
         rivals = [v for v in variants if v != GIVEN and found[v, prompt].count]
-        best = min(rivals, key=lambda v: found[v, prompt].value, default=None)
+        best = better(rivals, key=lambda v: found[v, prompt].value, default=None)
         shown = [found[v, prompt].shown(scale) if (v, prompt) in found else "–" for v in variants]
         lines.append([prompt, *(f"**{s}**" if v == best else s for v, s in zip(variants, shown, strict=True))])
     means = [across(rows, metric, v).shown(scale) for v in variants]
@@ -69,6 +73,80 @@ def measures(rows: Sequence[Row]) -> str:
     return table(["", *had], lines)
 
 
+def by_look(rows: Sequence[Row]) -> str:
+    """PSNR for every prompt and variant."""
+    return by_prompt(rows, "psnr", 1, better=max)
+
+
+def object_parts(rows: Sequence[Row]) -> str:
+    """Likeness, and what it takes."""
+    columns = {"PSNR [dB]": "psnr", "SSIM": "ssim", "Gaussians": "gaussians", "in all [s]": "seconds"}
+    lines = [[v, *(across(rows, m, v).shown(1, 3) for m in columns.values())] for v in names(rows, "variant")]
+    said = "SSIM where either object is seen; seconds of the stage. Means over prompts."
+    return f"{said}\n\n" + table(["", *columns], lines)
+
+
+def ablations(rows: Sequence[Row]) -> str:
+    """What a part of the material is worth on one object, and a part of the object against what was meant."""
+    material = [r for r in rows if r["variant"] not in ANOTHER]
+    objects = [r for r in rows if r["variant"] in (WHOLE, *ANOTHER)]
+    return "\n".join([
+        "Parts of the material, all on the same object: physical error.\n", by_prompt(material),
+        lead(material, WHOLE),
+        "Parts of the object, each on its own: distance to the motion of what was meant, the object of the whole "
+        "method, in the centre of mass and the three root mean square extents.\n", by_prompt(objects, "meant"),
+        lead(objects, WHOLE, "meant"),
+    ])  # fmt: skip
+
+
+PARTS: dict[str, tuple[str, float]] = {
+    "physical error [%]": ("error", 100),
+    "floor [%]": ("floor", 100),
+    "against what was meant [%]": ("meant", 100),
+    "PSNR [dB]": ("psnr", 1),
+    "SSIM": ("ssim", 1),
+}
+"""What a part left out does to material, motion and look: see ``parts``."""
+
+
+def parts(rows: Sequence[Row]) -> str:
+    """Material and motion, and the look."""
+    lines = [[v, *(across(rows, m, v).shown(s, 3) for m, s in PARTS.values())] for v in names(rows, "variant")]
+    return (
+        "All of them. *Physical error* and *floor* are about the object that the row has made: the floor is the error "
+        "that the prior's own material has on it, which the simulation leaves, so that only the two together say "
+        "something of the material. *Against what was meant* sees another object too. *PSNR* and *SSIM* (where either "
+        "object is seen): eight views that no fit saw, against the embedded prior's own object. Means over prompts.\n\n"
+        + table(["", *PARTS], lines)
+    )
+
+
+def looks(rows: Sequence[Row]) -> str:
+    """Likeness to the object that was meant."""
+    lines = [[v, *(across(rows, m, v).shown(1, 3) for m in ("psnr", "ssim"))] for v in names(rows, "variant")]
+    return (
+        "Look: eight views that no fit saw, against the embedded prior's object for the sentence that was meant; SSIM "
+        "where either object is seen. Means over prompts.\n\n" + table(["", "PSNR [dB]", "SSIM"], lines)
+    )
+
+
+def twins(rows: Sequence[Row]) -> str:
+    """Runs that end in the same object and the same motion as the first variant, bit for bit: there the part did
+    nothing."""
+    first, *others = names(rows, "variant")
+    made = {(r["variant"], r["prompt"], r["seed"]): r["digest"] for r in rows if "digest" in r}
+    said = []
+    for variant in others:
+        runs = [key[1:] for key in made if key[0] == variant and (first, *key[1:]) in made]
+        same = [key for key in runs if made[variant, *key] == made[first, *key]]
+        if same:
+            where = "; ".join(names([{"prompt": p} for p, _ in same], "prompt"))
+            said.append(f"- *{variant}*: {len(same)} of {len(runs)} runs ({where})")
+    if not said:
+        return f"No run of another row ends in the same object and motion as *{first}*.\n"
+    return f"Runs that end in the same object and motion as *{first}*, bit for bit:\n\n" + "\n".join(said) + "\n"
+
+
 def weights(rows: Sequence[Row]) -> str:
     """Means over prompts of the paper's metrics; what is missing, and what it takes."""
     had = [m for m in WEIGHTS if any(m in r for r in rows)]
@@ -78,7 +156,8 @@ def weights(rows: Sequence[Row]) -> str:
         lines = [[v, *(across(rows, m, v).shown(1, 3) for m in had)] for v in names(rows, "variant")]
         text = table(["", *had], lines)
     if missing:
-        why = "their weights are not on this machine or no references were asked for" if had else "no films were made"
+        made = any("film" in r for r in rows)
+        why = "their weights are not on this machine or no references were asked for" if made else "no films were made"
         text += f"\nMissing: {', '.join(missing)}; {why} (`--films`, [weights](../../weights.md)).\n"
     return text
 
@@ -97,6 +176,10 @@ def efficiency(rows: Sequence[Row]) -> str:
     return table(["", *columns], lines)
 
 
+ACROSS = 5
+"""Names in a row of the legend."""
+
+
 def figure(rows: Sequence[Row], path: Path, metric: str = "error", label: str = "physical error / size") -> None:
     """Every prompt a row, every variant a colour: the mean and, as a bar, the spread over seeds; logarithmic."""
     found, prompts, variants = cells(rows, metric), names(rows, "prompt"), names(rows, "variant")
@@ -104,7 +187,9 @@ def figure(rows: Sequence[Row], path: Path, metric: str = "error", label: str = 
     if not values:
         return
     low, high = math.floor(2 * math.log10(min(values))) / 2, math.ceil(2 * math.log10(max(values))) / 2
-    left, top, width, step = 270.0, 40.0, 440.0, 12.0
+    left, width, step = 270.0, 440.0, 12.0
+    legend = -(-len(variants) // ACROSS)
+    top = 22.0 + 18.0 * legend
     band = step * len(variants) + 10
     sheet = Sheet(left + width + 30, top + band * len(prompts) + 50)
 
@@ -121,18 +206,24 @@ def figure(rows: Sequence[Row], path: Path, metric: str = "error", label: str = 
         sheet.text(left - 12, top + band * i + band / 2 - 9, prompt, anchor="rm", size=11)
         sheet.line([(left - 250, top + band * i - 10), (left + width, top + band * i - 10)], PALE, 1.0)
         for j, variant in enumerate(variants):
-            _dot(sheet, found.get((variant, prompt)), at, top + band * i + step * j, LINES[j % len(LINES)])
+            _dot(sheet, found.get((variant, prompt)), at, top + band * i + step * j, j)
+    each = min(ACROSS, len(variants))
     for j, variant in enumerate(variants):
-        x = left - 250 + j * (width + 260) / len(variants)
-        sheet.box(x, 7, 10, 10, LINES[j % len(LINES)], None)
-        sheet.text(x + 15, 12, variant, size=11, color=INK)
+        x, y = left - 250 + j % each * (width + 260) / each, 12 + 18 * (j // each)
+        _mark(sheet, x + 5, y, j)
+        sheet.text(x + 15, y, variant, size=11, color=INK)
     sheet.image.save(path)
 
 
-def _dot(sheet: Sheet, mean: Mean | None, at: Callable[[float], float], y: float, color: str) -> None:
+def _dot(sheet: Sheet, mean: Mean | None, at: Callable[[float], float], y: float, number: int) -> None:
     if mean is None or not mean.count or not mean.value > 0:
         return
     if mean.spread > 0:
         ends = max(mean.value - mean.spread, mean.value / 10), mean.value + mean.spread
-        sheet.line([(at(ends[0]), y), (at(ends[1]), y)], color, 2.0)
-    sheet.box(at(mean.value) - 4, y - 4, 8, 8, color, None)
+        sheet.line([(at(ends[0]), y), (at(ends[1]), y)], LINES[number % len(LINES)], 2.0)
+    _mark(sheet, at(mean.value), y, number)
+
+
+def _mark(sheet: Sheet, x: float, y: float, number: int) -> None:
+    """A colour for each variant, and another shape when the colours begin again."""
+    sheet.mark(x, y, LINES[number % len(LINES)], 1 + number // len(LINES))

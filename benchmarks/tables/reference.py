@@ -54,6 +54,25 @@ class Reference:
         return Trajectory(*(torch.stack(parts) for parts in zip(*frames, strict=True)), fps=scene.fps)
 
 
+@dataclass(frozen=True)
+class Told:
+    """The film of somebody who is told the prior's own material: what is left of its error is the simulation's."""
+
+    VERSION: ClassVar[int] = 1
+
+    scene: Simulate
+    """How the film is simulated."""
+    library: Any
+    """Knows the parts of the object."""
+    override: dict[str, float | None]
+    """Parameters that replace the table's [SI]."""
+
+    def __call__(self, look: Look, motion: Motion, particles: Particles, *, work: Workspace) -> Trajectory:
+        """The particles of the film."""
+        field = table_field(self.library, look, motion, particles, self.override)
+        return self.scene(motion, particles, field, work=work)
+
+
 def children(x: Tensor, spacing: float, seed: int) -> Tensor:
     """Eight points about each of N, in pairs on opposite sides so that their mean is that point, shape (8 N, 3) [m].
 

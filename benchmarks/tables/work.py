@@ -7,6 +7,7 @@ import math
 import statistics
 import time
 from collections.abc import Sequence
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,11 @@ import torch
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
+from benchmarks.tables.look import likeness, pictures
 from benchmarks.tables.protocol import Task
 from benchmarks.tables.reference import error
 from diffuphy import pipeline
-from diffuphy.artifact import SCRATCH, Done, Stage, Store
+from diffuphy.artifact import SCRATCH, Done, Stage, Store, digest
 from diffuphy.composing import conf_dir, make, slug
 from diffuphy.deliverables import export
 from diffuphy.evaluate import world
@@ -26,7 +28,7 @@ from diffuphy.metrics.book import Book
 from diffuphy.metrics.score import Scores
 from diffuphy.plan.pictures import sized
 from diffuphy.quoting import protect
-from diffuphy.types import MaterialField, Particles, Prompt, SimulationDiverged, Trajectory
+from diffuphy.types import Gaussians, Look, MaterialField, Particles, Prompt, SimulationDiverged, Trajectory
 
 log = logging.getLogger(__name__)
 
@@ -35,19 +37,25 @@ PHYSICS = ("energy created", "penetration", "volume change", "inverted", "strain
 
 
 def settings(overrides: Sequence[str]) -> dict[str, Any]:
-    """The settings of a run of ``train.py``, and the reference as one more stage."""
+    """The settings of a run of ``train.py``, and as two more stages what its motion is compared with."""
     with initialize_config_dir(str(conf_dir()), version_base="1.3"):
-        cfg = OmegaConf.to_container(compose("train", overrides=protect(list(overrides))), resolve=True)
-    assert isinstance(cfg, dict)
+        cfg: Any = OmegaConf.to_container(compose("train", overrides=protect(list(overrides))), resolve=True)
     known = {"library": cfg["material"]["library"], "override": cfg["material"]["override"]}
-    cfg["stages"]["reference"] = {
-        "_target_": "benchmarks.tables.reference.Reference", "scene": cfg["scene"], "seed": cfg["seed"], **known,
-    }  # fmt: skip
+    known |= {"scene": cfg["scene"]}
+    here = "benchmarks.tables.reference"
+    cfg["stages"]["reference"] = {"_target_": f"{here}.Reference", "seed": cfg["seed"], **known}
+    cfg["stages"]["told"] = {"_target_": f"{here}.Told", **known}
     return cfg
 
 
-def run(task: Task, *, size: str, store: Path, device: str, films: Path | None = None) -> list[dict[str, Any]]:
-    """All variants of a task, one row each; a variant that cannot be simulated has a reason instead of numbers."""
+def run(
+    task: Task, *, size: str, store: Path, device: str, until: str = "trajectory", films: Path | None = None
+) -> list[dict[str, Any]]:
+    """All variants of a task, one row each; a variant that cannot be simulated has a reason instead of numbers.
+
+    Args:
+        until: ``trajectory``, or ``gaussians`` where nothing but the object is compared.
+    """
     torch.set_num_threads(1)
     logging.getLogger("diffuphy").setLevel(logging.WARNING)
     rows = []
@@ -55,13 +63,41 @@ def run(task: Task, *, size: str, store: Path, device: str, films: Path | None =
         row = {"prompt": task.prompt, "variant": name, "seed": task.seed}
         begin = time.perf_counter()
         try:
-            row |= _one(task, name, size, Store(store, device=device, progress=False), films)
+            shop = Store(store, device=device, progress=False)
+            row |= _object(task, name, size, shop) if until == "gaussians" else _one(task, name, size, shop, films)
         except (SimulationDiverged, FloatingPointError) as trouble:
             row["why"] = str(trouble)
-        print(f"{name:<22} seed {task.seed}  {task.prompt:<42} error {row.get('error', math.nan):7.4f}  "
+        print(f"{name:<22} seed {task.seed}  {task.prompt:<42} {_said(row)}  "
               f"{time.perf_counter() - begin:5.1f} s", flush=True)  # fmt: skip
         rows.append(row)
     return rows
+
+
+def _said(row: dict[str, Any]) -> str:
+    """The number that a row is about."""
+    return next((f"{name} {row[name]:7.4f}" for name in ("error", "psnr") if name in row), "diverged")
+
+
+def _made(task: Task, name: str, size: str, store: Store) -> tuple[Done, tuple[Gaussians, Any, Look]]:
+    """The stage of an object, and what ``likeness`` takes."""
+    components = make(settings(task.overrides(name, size, store.device))["stages"])
+    prompt, made = pipeline.run(components, store=store, until="gaussians")[0]
+    prior = components["gaussians"].guidance.references
+    return made, (Gaussians.load(made.path), prior, Prompt.load(prompt.path).look)
+
+
+def _object(task: Task, name: str, size: str, store: Store) -> dict[str, Any]:
+    """The look of an object, and what it took."""
+    made, seen = _made(task, name, size, store)
+    took = {"gaussians": float(len(seen[0])), "seconds": made.seconds}
+    return likeness(*seen) | took | {"digest": digest(made.path)[:12]}
+
+
+def objects(task: Task, size: str, store: Path, device: str) -> list[torch.Tensor]:
+    """Pictures of the prior's own object and of those of all variants, each (n, S, S, 3)."""
+    shop = Store(store, device=device, progress=False)
+    pairs = [pictures(*_made(task, name, size, shop)[1]) for name in task.variants]
+    return [pairs[0][1].rgb, *(made.rgb for made, _ in pairs)]
 
 
 def _one(task: Task, name: str, size: str, store: Store, films: Path | None) -> dict[str, Any]:
@@ -76,11 +112,16 @@ def _one(task: Task, name: str, size: str, store: Store, films: Path | None) -> 
     device_memory = torch.cuda.max_memory_allocated() / 1e6 if store.device != "cpu" else math.nan
     done, plan = pipeline.run(components, store=store, until="trajectory" if films is None else "clip")
     at = {d.name: d.path for d in done}
-    row = _motion(components, store, at) if not task.meant else _meant(task, cfg, size, store, at)
+    row = _motion(components, store, at) if task.meant in ("", task.prompt) else {}
+    if task.meant == task.prompt:
+        row["floor"] = _floor(components, store, at)
+    if task.meant:
+        row |= _meant(task, size, store, at) | _digest(at)
     row |= {"cpu_seconds": cpu, "seconds": material.seconds, "step_seconds": _step(material.path)}
     row |= {"megabytes": material.megabytes, "device_megabytes": device_memory} | _summary(material.path)
     if films is not None:
         folder = films / slug(task.prompt, name, str(task.seed))
+        folder.mkdir(parents=True, exist_ok=True)
         text = OmegaConf.to_yaml(cfg, resolve=False)
         files = export(folder, done, plan, title=task.prompt, settings=text, outputs=["mp4"])
         row["film"] = str(files["film"])
@@ -88,39 +129,60 @@ def _one(task: Task, name: str, size: str, store: Store, films: Path | None) -> 
     return row
 
 
-def _reference(components: dict[str, Any], store: Store) -> dict[str, Done]:
-    """The first stages, and what the prior has in mind of this object."""
+def _besides(components: dict[str, Any], store: Store, name: str) -> dict[str, Done]:
+    """The first stages, and what their object does in the hands of ``reference`` or ``told``."""
     inputs = ("prompt.look", "prompt.motion", "particles")
-    stage = Stage("reference", Trajectory, components["reference"], inputs)
+    stage = Stage(name, Trajectory, components[name], inputs)
     components = components | sized(components)  # the particles of the film, as its plan resolves them
-    return {d.name: d for d in store.run([*pipeline.stages(components)[:3], stage], "reference")}
+    return {d.name: d for d in store.run([*pipeline.stages(components)[:3], stage], name)}
 
 
 def _motion(components: dict[str, Any], store: Store, at: dict[str, Path]) -> dict[str, float]:
     """The error of the motion, and checks that any motion must pass."""
-    reference = Trajectory.load(_reference(components, store)["reference"].path)
     prompt, particles = Prompt.load(at["prompt"]), Particles.load(at["particles"])
     film, field = Trajectory.load(at["trajectory"]), MaterialField.load(at["material"])
-    known = components["reference"]
-    mass = table_field(known.library, prompt.look, prompt.motion, particles, known.override).rho * particles.vol
-    found = error(film, reference, mass / mass.sum(), prompt.motion.size)
     book, there = Book(), world(components["trajectory"].scene(prompt.motion, particles))
     book.physics(film, field.rho * particles.vol, particles.vol, there, prompt.motion.size)
-    return found | {s.name: s.value for s in book.scores if s.name in PHYSICS}
+    return _error(film, components, store, at) | {s.name: s.value for s in book.scores if s.name in PHYSICS}
 
 
-def _meant(task: Task, cfg: dict[str, Any], size: str, store: Store, at: dict[str, Path]) -> dict[str, float]:
-    """The error of a motion against that of another sentence, whose object has other particles: of the centre of mass
-    and of the three lengths √(Σ m (x − x̄)²) along the axes, which need no partner for each particle."""
+def _error(film: Trajectory, components: dict[str, Any], store: Store, at: dict[str, Path]) -> dict[str, float]:
+    """The error of a motion of this object against what the prior has in mind of it."""
+    reference = Trajectory.load(_besides(components, store, "reference")["reference"].path)
+    prompt, particles = Prompt.load(at["prompt"]), Particles.load(at["particles"])
+    known = components["reference"]
+    mass = table_field(known.library, prompt.look, prompt.motion, particles, known.override).rho * particles.vol
+    return error(film, reference, mass / mass.sum(), prompt.motion.size)
+
+
+def _floor(components: dict[str, Any], store: Store, at: dict[str, Path]) -> float:
+    """The error that this object would have with the prior's own material: finding it leaves no less."""
+    told = Trajectory.load(_besides(components, store, "told")["told"].path)
+    return _error(told, components, store, at)["error"]
+
+
+def _meant(task: Task, size: str, store: Store, at: dict[str, Path]) -> dict[str, float]:
+    """How far motion and look are from those of the object that was meant, which has other particles: compared are the
+    centre of mass, the three lengths √(Σ m (x − x̄)²) along the axes, and pictures; none needs a partner for each
+    particle.
+    """
     other = Task(task.meant, task.seed, {"": ()})
     wanted = make(settings(other.overrides("", size, store.device))["stages"])
-    reference = _reference(wanted, store)
+    reference = _besides(wanted, store, "reference")
     film, aim = Trajectory.load(at["trajectory"]), Trajectory.load(reference["reference"].path)
-    length = Prompt.load(reference["prompt"].path).motion.size
+    prompt = Prompt.load(reference["prompt"].path)
     (a, wide_a), (b, wide_b) = (_moments(t) for t in (film, aim))
     com, shape = (a - b).norm(dim=1), (wide_a - wide_b).norm(dim=1)
-    whole = torch.hypot(com, shape)
-    return {n: float(e[1:].mean()) / length for n, e in (("error", whole), ("com", com), ("shape", shape))}
+    parts = {"error": torch.hypot(com, shape), "com": com, "shape": shape}
+    found = {name: float(e[1:].mean()) / prompt.motion.size for name, e in parts.items()}
+    seen = likeness(Gaussians.load(at["gaussians"]), wanted["gaussians"].guidance.references, prompt.look)
+    return (found if task.meant != task.prompt else {"meant": found["error"]}) | seen
+
+
+def _digest(at: dict[str, Path]) -> dict[str, str]:
+    """What tells the object and motion of a run from those of another."""
+    both = "".join(digest(at[name]) for name in ("gaussians", "trajectory"))
+    return {"digest": sha256(both.encode()).hexdigest()[:12]}
 
 
 def _moments(film: Trajectory) -> tuple[torch.Tensor, torch.Tensor]:

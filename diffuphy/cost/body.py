@@ -98,7 +98,7 @@ def shape(components: Mapping[str, Any], prompt: Prompt) -> tuple[float, tuple[f
     """Share of the cube around it that an object fills and its sides over its longest one, as particles make it; and
     how many primitives a ray meets."""
     guidance = getattr(components["gaussians"], "guidance", None)
-    libraries = (getattr(guidance, "references", None), components["material"].library)
+    libraries = (getattr(guidance, "references", None), getattr(components["material"], "library", None))
     library: Any = next((found for found in libraries if hasattr(found, "object")), None)
     if library is None:
         return BALL
@@ -134,8 +134,9 @@ def gaussians(fit: Any) -> tuple[float, float, float]:
 def kinds(material: Any, motion: Motion) -> tuple[Preset, ...]:
     """Materials of the parts, as ``probe.table_field`` takes them from the table."""
     whole = motion.materials.get("", next(iter(motion.materials.values())))
-    words = sorted(set(motion.materials.values())) if material.library is not None else [whole]
+    known = getattr(material, "library", None) is not None
+    words = sorted(set(motion.materials.values())) if known else [whole]
     found = [lookup(word) for word in words]
     found = [presets.melt(kind) for kind in found] if motion.verb == "melting" else found
-    given = {name: value for name, value in material.override.items() if value is not None}
+    given = {name: value for name, value in getattr(material, "override", {}).items() if value is not None}
     return tuple(dataclasses.replace(kind, **given) for kind in found)

@@ -1,5 +1,6 @@
 """The work and the memory of the material stage, counted from its component."""
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -7,18 +8,14 @@ from typing import Any
 
 import torch
 
-from diffuphy.cost import rollouts
 from diffuphy.cost.body import Body
-from diffuphy.cost.counted import Counted, pictures
-from diffuphy.cost.rollouts import Laws, Work, add, times
-from diffuphy.cost.substeps import rounds
+from diffuphy.cost.counted import Counted
+from diffuphy.cost.drop import Drop
+from diffuphy.cost.rollouts import Laws, add, times
 from diffuphy.learning.scan import FEW
 from diffuphy.learning.scan import THREADS as SCAN_THREADS
 from diffuphy.material.encoder import N_FEATURES
 from diffuphy.types import Motion
-
-DRAFT = 0.9
-"""Share of the particles it asks for that the probe's coarse copy has [-]: the finest lattice that gives no more."""
 
 SEEN = 0.2
 """Power of 1/E in which clips of a drop are compared by the scan [-]: a body that is much too stiff looks more like
@@ -30,20 +27,14 @@ STRAIGHT = 0.3
 LOOKS = 3.0
 """Clips that the compass search of the scan makes of a region and a choice of laws: two halvings of one or two."""
 
-ROW = 3 + 9
-"""Numbers of a particle that a frame is drawn from: x, F."""
-
-SKIN, SPLAT = 24, 60
-"""Numbers that the graph of a picture keeps of a Gaussian: for each particle that it follows (x, F, arm, and what they
-become), and for itself (covariance, footprint, colour, operands)."""
-
 
 def material(components: Mapping[str, Any], motion: Motion, body: Body) -> Counted:
     """The scan, the training, and the clips of prior and verdict."""
     fit, probe = components["material"], components["material"].probe
-    n = DRAFT * min(probe.particles, body.particles)
-    drop = _Drop(fit, body, n, components["gaussians"].sh_degree)
-    regions = min(fit.regions, len(set(motion.materials.values())))
+    table, prior = Laws.of(*own(body)), body.wave()
+    body = believed(fit, body)
+    drop = Drop(probe, fit.takes, body, components["gaussians"].sh_degree)
+    regions = regions_of(fit, motion)
     parts = [_part(r, regions, len(body.kinds)) for r in range(len(body.kinds))]
     work, scans = [{"material": 1.0, "material.particle": body.particles}], []
     if fit.stiffness_steps:
@@ -51,60 +42,39 @@ def material(components: Mapping[str, Any], motion: Motion, body: Body) -> Count
             scans.append(drop.clip(fit.scan_frames, laws, body.wave(log_E)))
         searched = min(FEW, len(fit.plastic) ** regions) * LOOKS * regions / len(scans)
         scans.append(times(searched, add(*scans)))
-    table = Laws.of(*own(body))
     embedded = getattr(fit.guidance, "references", 0) is None
     length = 2 + embedded * 3 if fit.steps or fit.stiffness_steps else 1
     if fit.pixel_noise is not None:  # its own time step, two a parameter and region, one an elastic law
         length += 1 + 2 * len(fit.learn) * regions + (len(fit.elastic) if len(fit.elastic) > 1 else 0)
-    work += [drop.clip(probe.frames, table, body.wave())] * length
+    work += [drop.clip(probe.frames, table, prior)] * length
     trained = Laws.of(fit.elastic, fit.plastic)
     wave = body.wave(fitted(fit, body, regions, 0.5))
-    for frames, count in _curriculum(fit, few := _refined(fit, regions)):
-        work.append(times(count, drop.clip(frames, trained, wave, back=True)))
-    steps, scores = (
-        fit.steps + few * fit.refine_steps,
-        _scores(fit.descent()) + few * _scores(fit.descent(fit.refine_steps)),
-    )
-    work += [times(scores, drop.clip(probe.frames, table, wave))]
-    work.append(times(steps, {"train": 1.0, "train.flop": flops(fit.net, n, len(fit.elastic) + len(fit.plastic))}))
-    states = drop.bytes(probe.frames, trained, wave) if fit.steps else 0.0
-    shown = fit.takes.shown(probe.frames)
-    # one frame's graph at a time; of all of them the rows they are drawn from, latents, noise, and gradients of these
-    graph = 4 * (body.gaussians * (SKIN * probe.skin + SPLAT) + shown * (3 * ROW * n + 10 * probe.image**2))
-    sizes = {"state": states, "graph": graph if fit.steps else 0.0}
+    few = _refined(fit, regions)
+    for frames, count in _curriculum(fit, few):
+        work.append(times(count, drop.clip(frames, trained, wave, "full")))
+    steps = fit.steps + few * fit.refine_steps
+    scores = judged(fit.descent()) + few * judged(fit.descent(fit.refine_steps))
+    work += [times(scores, drop.clip(probe.frames, Laws.of(*own(body)), wave))]
+    work.append(times(steps, {"train": 1.0, "train.flop": flops(fit.net, drop.n, len(fit.elastic) + len(fit.plastic))}))
+    states = drop.states(probe.frames, trained, wave, "full") if fit.steps else 0.0
+    sizes = {"state": states, "graph": drop.graph() if fit.steps else 0.0}
     return Counted(add(*work, *scans), sizes, add(*scans), SCAN_THREADS)
 
 
-class _Drop:
-    """The probe with its coarse copy."""
+def regions_of(fit: Any, motion: Motion) -> int:
+    """Regions that may have laws of their own."""
+    return min(fit.regions, len(set(motion.materials.values())))
 
-    def __init__(self, fit: Any, body: Body, particles: float, degree: int):
-        self.fit, self.body, self.n, self.degree = fit, body, particles, degree
-        dx = body.spacing(particles) * fit.probe.particles_per_cell ** (1 / 3)
-        self.scene = fit.probe.scene(dx, body.size)
-        self.nodes = rollouts.block(body.extent, dx)
 
-    def rounds(self, frames: int, wave: float) -> float:
-        """Rounds of so many frames."""
-        return rounds(self.scene, wave, 0.0) * frames / self.scene.frames
-
-    def clip(self, frames: int, laws: Laws, wave: float, *, back: bool = False) -> Work:
-        """A simulated and filmed drop, with its gradient if asked: then some frames, each drawn a second time."""
-        R, scheme, G = self.rounds(frames, wave), self.scene.scheme, self.body.gaussians
-        shown, side = self.fit.takes.shown(frames) if back else frames, self.fit.probe.image
-        work = [
-            rollouts.forward(self.n, R, frames, self.nodes, laws, scheme),
-            pictures(shown, G, side, degree=self.degree),
-            {"skin": shown * G * self.fit.probe.skin * (1 + 3 * back), "score.pixel": shown * side**2},
-        ]
-        if back:
-            work.append(pictures(shown, G, side, back=True, degree=self.degree))
-            work += [rollouts.backward(self.n, R, self.nodes, laws, scheme, kept=True), {"back.frame": frames}]
-        return add(*work)
-
-    def bytes(self, frames: int, laws: Laws, wave: float) -> float:
-        """Memory of the states that a gradient keeps [byte]."""
-        return frames * (self.rounds(frames, wave) / frames + 1) * self.n * rollouts.row_bytes(laws, False)
+def believed(fit: Any, body: Body) -> Body:
+    """The body of whoever gives it other laws than the table's."""
+    if not hasattr(fit, "experts"):
+        return body
+    laws = {
+        "elastic": fit.elastic[0], "candidates_elastic": fit.elastic,
+        "plastic": fit.plastic[0], "candidates_plastic": fit.plastic,
+    }  # fmt: skip
+    return dataclasses.replace(body, kinds=tuple(dataclasses.replace(kind, **laws) for kind in body.kinds))
 
 
 def _refined(fit: Any, regions: int) -> int:
@@ -113,7 +83,7 @@ def _refined(fit: Any, regions: int) -> int:
     return few if few > 1 else 0
 
 
-def _scores(descent: Any) -> int:
+def judged(descent: Any) -> int:
     """Scores of a hardened field in a descent."""
     return descent.steps // descent.check + 1 + bool(descent.steps % descent.check) if descent.steps else 0
 

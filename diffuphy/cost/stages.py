@@ -5,10 +5,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from diffuphy.cost import rollouts
+from diffuphy.cost import learning, rivals, rollouts
 from diffuphy.cost.body import Body
 from diffuphy.cost.counted import Counted, pictures
-from diffuphy.cost.learning import fitted, material, own
+from diffuphy.cost.matter import Matter
 from diffuphy.cost.rollouts import Laws, Work, add
 from diffuphy.cost.substeps import rounds
 from diffuphy.mpm.rollout import MAX_THREADS, THREADED
@@ -76,15 +76,20 @@ def particles(components: Mapping[str, Any], motion: Motion, body: Body) -> Coun
     return Counted(work, {"lattice": 3 * 8 * cells})
 
 
+def material(components: Mapping[str, Any], motion: Motion, body: Body) -> Counted:
+    """Ours, a rival that learns, or a material that is given."""
+    fit = components["material"]
+    if hasattr(fit, "stiffness_steps"):
+        return learning.material(components, motion, body)
+    return (rivals.trained if hasattr(fit, "steps") else rivals.given)(components, motion, body)
+
+
 def trajectory(components: Mapping[str, Any], motion: Motion, body: Body) -> Counted:
     """One rollout with every particle."""
     play = components["trajectory"]
     scene = play.scene(motion, Spaced(body.spacing(body.particles)))
-    fit = components["material"]
-    regions = min(fit.regions, len(set(motion.materials.values())))
-    steps = rounds(scene, body.wave(fitted(fit, body, regions, 1.0)), body.size / 2)
-    elastic, plastic = own(body)
-    laws, nodes = Laws.of(elastic, plastic), rollouts.block(body.extent, scene.dx)
+    matter = Matter.of_film(components["material"], motion, body)
+    steps, laws, nodes = rounds(scene, matter.wave, body.size / 2), matter.laws, rollouts.block(body.extent, scene.dx)
     work = rollouts.forward(body.particles, steps, scene.frames, nodes, laws, play.scheme, double=play.double)
     if play.scheme.contact == "elastic":
         work["contact.particle"] = body.particles * steps

@@ -28,6 +28,15 @@ UNITS = {
 """Every array of the file: unit, meaning, shape. A Gaussian is at the sum over k of share (x[follows] +
 F[follows] arm), with covariance F A F^T."""
 
+AROUND = {
+    "around_means": "m; places of S Gaussians that stand around the object and do not move, (S, 3)",
+    "around_quats": "their orientations, wxyz, (S, 4)",
+    "around_scales": "m; their standard deviations, (S, 3)",
+    "around_opacities": "-; in [0, 1], (S,)",
+    "around_sh": "colour coefficients in the 3DGS basis, (S, (degree + 1)^2, 3)",
+}
+"""The same of what stands around the object; absent where nothing does."""
+
 
 def npz(run: Run, options: Options) -> list[Path]:
     """``trajectory.npz``: ``UNITS`` says what is in it, as does its own entry ``about`` (JSON). z is up, metres."""
@@ -49,7 +58,12 @@ def npz(run: Run, options: Options) -> list[Path]:
         "opacities": skin.gaussians.logit_opacities.sigmoid(),
         "sh": skin.gaussians.sh,
     }
-    about = {"title": run.title, "comment": run.comment(), "axes": "right-handed, z up", "arrays": UNITS}
+    units = UNITS
+    if options.around and (g := run.still) is not None:
+        values = (g.means, g.quats, g.log_scales.exp(), g.logit_opacities.sigmoid(), g.sh)
+        arrays |= dict(zip(AROUND, values, strict=True))
+        units = UNITS | AROUND
+    about = {"title": run.title, "comment": run.comment(), "axes": "right-handed, z up", "arrays": units}
     file = options.folder / "trajectory.npz"
     np.savez_compressed(
         file,

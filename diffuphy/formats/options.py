@@ -18,11 +18,13 @@ class Options:
     every: int = 1
     """Write every so many frames, the first always."""
     gaussians: int = 20_000
-    """Most Gaussians of the page that plays in a browser."""
+    """Most Gaussians of the page that plays in a browser, of the object and of what stands around it each."""
     page_frames: int = 60
     """Most frames of it."""
     resolution: int = 96
     """Cells along the longest side of the object, for its surface."""
+    around: bool = True
+    """Write what stands around the object too, where a format holds Gaussians."""
 
     def __post_init__(self) -> None:
         if self.up not in QUARTER_TURNS:

@@ -26,8 +26,8 @@ halves the file."""
 def html(run: Run, options: Options) -> list[Path]:
     """``play.html``, one file that plays in 3D in a browser, by viser's recorder.
 
-    At most ``options.gaussians`` Gaussians, the most visible ones, in at most ``options.page_frames`` frames; the time
-    line keeps the speed of the film.
+    At most ``options.gaussians`` Gaussians of the object, the most visible ones, in at most ``options.page_frames``
+    frames, and as many of what stands around it, once; the time line keeps the speed of the film.
 
     Colours are those of degree 0, covariances half precision: both are viser's.
 
@@ -48,6 +48,8 @@ def html(run: Run, options: Options) -> list[Path]:
     with contextlib.redirect_stdout(io.StringIO()):  # it says where it serves, which nobody is to know
         server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
         try:
+            if options.around and run.still is not None:
+                _add(server, "around", run.still, thinned(run.still, options.gaussians))
             text = _recorded(server, run, keep, range(0, frames, step), slow * step / run.trajectory.fps)
         finally:
             server.stop()
@@ -65,6 +67,18 @@ def thinned(g: Gaussians, count: int) -> Tensor:
     in their order."""
     weight = g.logit_opacities.sigmoid() * torch.sort(g.log_scales, dim=1).values[:, 1:].sum(1).exp()
     return torch.topk(weight, min(count, len(g))).indices.sort().values
+
+
+def _add(server: Any, name: str, g: Gaussians, keep: Tensor) -> None:
+    """Gaussians that stay where they are."""
+    sigma = covariances(g.quats[keep], g.log_scales[keep].exp())
+    server.scene.add_gaussian_splats(
+        name,
+        g.means[keep].numpy(),
+        sigma.numpy(),
+        to_rgb(g.sh[keep]).clamp(0, 1).numpy(),
+        g.logit_opacities[keep, None].sigmoid().numpy(),
+    )
 
 
 def _recorded(server: Any, run: Run, keep: Tensor, frames: range, seconds: float) -> str:

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from diffuphy.render import sh as harmonics
+from diffuphy.render.film.around import Around, scenery, together
 from diffuphy.render.film.views import Views
 from diffuphy.render.kinematics import limit_stretch
 from diffuphy.render.skin import Skin
@@ -30,6 +31,8 @@ class Run:
     """The prompt."""
     neighbours: int = 1
     """Particles each Gaussian follows, as in the film."""
+    around: Around | None = None
+    """Who knows what stands around the object, as in the film; None: nothing does."""
 
     @classmethod
     def at(cls, folder: Path) -> "Run":
@@ -45,12 +48,17 @@ class Run:
         if not found:
             raise ValueError(f"{folder} is no run: it has no links 1_prompt to 6_clip; name a folder of outputs/runs")
         settings = folder / ".hydra" / "config.yaml"
-        title = ""
+        title, around = "", None
         if settings.exists():
             from omegaconf import OmegaConf
 
-            title = str(OmegaConf.load(settings).prompt)
-        return cls({name: path.resolve() for name, path in found.items()}, title)
+            from diffuphy.composing import make
+
+            config = OmegaConf.load(settings)
+            title, known = str(config.prompt), OmegaConf.select(config, "stages.clip.around")
+            if known is not None:
+                around = make({"around": OmegaConf.to_container(known, resolve=True)})["around"]
+        return cls({name: path.resolve() for name, path in found.items()}, title, around=around)
 
     def load(self, stage: str, kind: Any) -> Any:
         """The result of a stage.
@@ -100,9 +108,16 @@ class Run:
         means, F = self.skin(self.trajectory.x[t], self.trajectory.F[t])
         return means, limit_stretch(F, STRETCH)
 
-    def frame(self, t: int) -> Gaussians:
-        """The Gaussians of frame ``t`` as such: in metres, z up, deformation absorbed in size and orientation."""
-        return absorbed(self.skin.gaussians, *self.moved(t))
+    @cached_property
+    def still(self) -> Gaussians | None:
+        """What stands around the object, in metres, z up; None where there is nothing."""
+        return scenery(self.around, self.particles)
+
+    def frame(self, t: int, still: bool = True) -> Gaussians:
+        """The Gaussians of frame ``t`` as such: in metres, z up, deformation absorbed in size and orientation; then
+        those that stand around the object, unless ``still`` is False."""
+        now = absorbed(self.skin.gaussians, *self.moved(t))
+        return now if not still or self.still is None else together(now, self.still)
 
     def comment(self) -> str:
         """What metadata say besides the title."""

@@ -26,7 +26,7 @@ def _frames(run: Run, options: Options, folder: Path) -> list[Path]:
     files = []
     for t in options.frames(len(run.trajectory.x)):
         files.append(folder / f"frame_{t:04d}.ply")
-        layout.write(files[-1], run.frame(t), up=options.up)
+        layout.write(files[-1], run.frame(t, options.around), up=options.up)
     return files
 
 

@@ -127,17 +127,24 @@ class Case:
             field = table_field(library, look, motion, bench.draft, override)
             return with_columns(field, elastic or field.elastic, plastic or field.plastic)
 
-        bench = probe.bench(gaussians, particles, motion.size)
-        if getattr(guidance, "references", 0) is None:
-            other = dataclasses.replace(probe, seed=probe.seed + 1).bench(gaussians, particles, motion.size)
-            guidance = dataclasses.replace(guidance, references=TableClips(other, table(other)))
-        points = appearance(gaussians, bench.draft)
+        words, of = words_of(library, look, motion, particles)
         most = min(regions, len(set(motion.materials.values())))
-        labels = segments(points, *words_of(library, look, motion, bench.draft), most, segment)
+        labels = segments(appearance(gaussians, particles), words, of, most, segment)
+        kind = _pairs(labels, torch.tensor([words.index(w) for w in words], device=of.device)[of])
+        bench = probe.bench(gaussians, particles, motion.size, kind)
+        if getattr(guidance, "references", 0) is None:
+            other = dataclasses.replace(probe, seed=probe.seed + 1).bench(gaussians, particles, motion.size, kind)
+            guidance = dataclasses.replace(guidance, references=TableClips(other, table(other)))
+        points, labels = appearance(gaussians, bench.draft), labels[bench.kept]
         names, part = parts_of(library, look, bench.draft)
         if library is None and int(labels.max()):
             names, part = tuple(f"region {r + 1}" for r in range(int(labels.max()) + 1)), labels
         return cls(bench, Conditions(guidance, motion, bench), table(bench), points, labels, names, part)
+
+
+def _pairs(a: Tensor, b: Tensor) -> Tensor:
+    """A number for each pair that occurs, shape (N,), int64: what differs in either is of another kind."""
+    return torch.unique(torch.stack([a, b], 1), dim=0, return_inverse=True)[1]
 
 
 def segments(points: Points, words: Sequence[str], part: Tensor, most: int, segment: Segment) -> Tensor:

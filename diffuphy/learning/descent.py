@@ -79,6 +79,8 @@ class Descent:
     """Reference time of rate-form plastic gates [s]; None uses the weights as they are."""
     curriculum: tuple[int, ...] = ()
     """Frames of the clip in equal parts of the run, the last part being all; () is all from the start."""
+    blur: tuple[float, ...] = ()
+    """Low-pass of the clip likewise, the last part being sharp [shares of the picture's height]."""
     check: int = 5
     """Steps from one score of the hardened field to the next; the best so far is what remains in the end."""
     patience: int = 3
@@ -102,8 +104,14 @@ class Descent:
 
     def shown(self, step: int, total: int) -> int:
         """Frames shown at a step, of ``total``: short clips first, when the start may be far away."""
-        stages = self.curriculum or (total,)
-        return min(total, stages[min(len(stages) - 1, step * (len(stages) + 1) // max(self.steps, 1))])
+        return min(total, self._stage(self.curriculum or (total,), step))
+
+    def blurred(self, step: int) -> float:
+        """Low-pass at a step: where things are first, their outlines in the end."""
+        return self._stage((*self.blur, 0.0), step)
+
+    def _stage(self, stages: tuple[Any, ...], step: int) -> Any:
+        return stages[min(len(stages) - 1, step * (len(stages) + 1) // max(self.steps, 1))]
 
     def rate(self, step: int) -> float:
         """Factor of the learning rates: four steps up, then linearly down to a tenth."""
@@ -208,11 +216,11 @@ class _Trainer:
         for group, rate in zip(self.optimiser.param_groups, self.rates, strict=True):
             group["lr"] = rate * s.rate(number)
         take = s.takes(number, s.shown(number, self.total), self.generator)
+        take = dataclasses.replace(take, blur=s.blurred(number))
         field = self.model()
         reports: list[FrameReport] = []
-        trajectory = case.bench.simulate(
-            field, take.frames[-1], gate_time=s.gate_time, report=reports, gather=self.gather
-        )
+        to, gates = take.frames[-1], s.gate_time
+        trajectory = case.bench.simulate(field, to, gate_time=gates, report=reports, gather=self.gather)
         t = s.t_range[0] + (s.t_range[1] - s.t_range[0]) * float(torch.rand((), generator=self.generator))
         loss = distilled = case.cond.distil(
             trajectory, take, t=t, generator=self.generator, weight=s.weight, estimator=s.estimator
@@ -236,15 +244,12 @@ class _Trainer:
             if p.grad is not None and not bool(p.grad.isfinite().all())
         ]
         if bad:
-            raise FloatingPointError(
-                f"the gradient of {', '.join(bad)} is not finite; narrow material.stiffness or shorten the clip"
-            )
+            what = "is not finite; narrow material.stiffness or shorten the clip"
+            raise FloatingPointError(f"the gradient of {', '.join(bad)} {what}")
 
     def judge(self, run: Run, work: Workspace) -> bool:
-        """Score the hardened field, keep it if it is the best; whether to go on.
-
-        Scores count against the patience of the run once the whole clip is shown.
-        """
+        """Score the hardened field, keep it if it is the best; whether to go on: scores count against the patience of
+        the run once the whole clip is shown, and sharp."""
         s = self.settings
         with torch.no_grad():
             field = prune(harden(self.model())).field
@@ -259,7 +264,8 @@ class _Trainer:
                 self._preview(drop, run.step, work)
         if score < run.score:
             run.score, run.at, run.best = score, run.step, _copied(self.model.state_dict())
-        if run.score < (1 - s.gain) * run.bar or s.shown(run.step, self.total) < self.total:
+        early = s.shown(run.step, self.total) < self.total or s.blurred(run.step) > 0
+        if early or run.score < (1 - s.gain) * run.bar:
             run.bar, run.stale = run.score, 0
         else:
             run.stale += 1
@@ -278,11 +284,8 @@ class _Trainer:
 
     def state(self, run: Run) -> dict[str, Any]:
         """All that decides how the run goes on."""
-        return vars(run) | {
-            "model": self.model.state_dict(),
-            "optimiser": self.optimiser.state_dict(),
-            "rng": self.generator.get_state(),
-        }
+        optimiser, rng = self.optimiser.state_dict(), self.generator.get_state()
+        return vars(run) | {"model": self.model.state_dict(), "optimiser": optimiser, "rng": rng}
 
     def restore(self, state: dict[str, Any]) -> Run:
         """Go on from there."""

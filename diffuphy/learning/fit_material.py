@@ -14,24 +14,22 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, get_args
 
 import torch
-from torch import Tensor
 
 from diffuphy.learning.case import Case, Segment, parameters
-from diffuphy.learning.descent import Descent, Model, descend
+from diffuphy.learning.descent import Descent, descend
 from diffuphy.learning.identifiability import RHO_UNSEEN, certainty
 from diffuphy.learning.probe import Probe
+from diffuphy.learning.regional import RegionalNet
 from diffuphy.learning.scan import region_values, scan
 from diffuphy.learning.verdict import film_field, verdict
 from diffuphy.losses.estimators import SDS, Estimator
-from diffuphy.losses.regularize import spread
 from diffuphy.losses.sds import Weight
 from diffuphy.losses.takes import Takes
 from diffuphy.losses.velocity import Velocity
 from diffuphy.material import Param
-from diffuphy.material.decoder import bounded, coordinate, inside
-from diffuphy.material.encoder import Points
-from diffuphy.material.field import Hypothesis, harden, prune, take, warm_start
-from diffuphy.material.net import MaterialNet, Net
+from diffuphy.material.decoder import inside
+from diffuphy.material.field import Hypothesis, harden, prune, warm_start
+from diffuphy.material.net import Net
 from diffuphy.material.presets import lookup
 from diffuphy.types import Gaussians, Look, MaterialField, Motion, Particles
 from diffuphy.workspace import Workspace
@@ -43,7 +41,7 @@ log = logging.getLogger(__name__)
 class FitMaterial:
     """Settings of the material stage."""
 
-    VERSION: ClassVar[int] = 5
+    VERSION: ClassVar[int] = 6
 
     guidance: Any
     """Video prior (``losses.guidance``); the analytic one is given the probe's reference clips."""
@@ -101,6 +99,9 @@ class FitMaterial:
     few stiff ones do not set the time step of the film; 0 leaves it out."""
     curriculum: tuple[int, ...] = ()
     """Frames of the clip in equal parts of the run; () is all frames after a scan, 5-7-9-all without one."""
+    blur: tuple[float, ...] = ()
+    """Low-pass of the clip in equal parts of the run, the last being sharp [shares of the picture's height]; () is
+    sharp after a scan, 1/8 and 1/16 first without one: from too soft a start sharp pictures lead the wrong way."""
     weight: Weight = "x0"
     """w(t) of the distillation; σ/α makes the gradient of the exact prior that of a squared error."""
     t_range: tuple[float, float] = (0.02, 0.98)
@@ -175,7 +176,7 @@ class FitMaterial:
             segment=self.segment,
         )  # fmt: skip
 
-    def fit(self, case: Case, work: Workspace) -> "RegionalNet":
+    def fit(self, case: Case, work: Workspace) -> RegionalNet:
         """Scan, refine the best few, train the best of these; continues from the checkpoint of ``work``."""
         state = work.load() or {}
         if "starts" not in state:
@@ -208,7 +209,10 @@ class FitMaterial:
             lo, hi = self.stiffness
             steps = max(2, self.stiffness_steps // (int(case.labels.max()) + 1))  # a joint scan grows like a power
             grid = torch.linspace(lo + 0.1, hi - 0.1, steps, dtype=torch.float64).tolist()
-            found = scan(case, grid, frames=self.scan_frames, weight=self.weight, work=work, known=known)
+            found = scan(
+                case, grid, frames=self.scan_frames, weight=self.weight, work=work, known=known,
+                batched=case.bench.draft.x.is_cuda,
+            )  # fmt: skip
             return found[: self.refine]
         open_ones = [
             {"elastic": None, "plastic": None, "theta": r["theta"] | {"E": 10**self.start}, "rho": r["rho"]}
@@ -224,18 +228,21 @@ class FitMaterial:
             takes=self.takes, estimator=self.estimator, weight=self.weight, t_range=self.t_range,
             velocity=self.velocity, gate_time=self.gate_time,
             curriculum=self.curriculum or (() if self.stiffness_steps else (5, 7, 9, everything)),
-            patience=self.patience, seed=self.seed,
+            blur=self.blur or (() if self.stiffness_steps else (1 / 8, 1 / 16)), patience=self.patience, seed=self.seed,
         )  # fmt: skip
 
     # ------------------------------------------------------------------ what is trained
-    def model(self, case: Case, start: list[dict[str, Any]]) -> "RegionalNet":
+    def model(self, case: Case, start: list[dict[str, Any]]) -> RegionalNet:
         """The network that begins at a hypothesis for each region."""
         learn, table = self._learnt(case), case.table
         begin = warm_start(table.elastic, table.plastic, case.labels, [Hypothesis(**h) for h in start])
         begin = dataclasses.replace(begin, theta=inside(learn, begin.theta))
         if self.net.gate == "start":
             begin = prune(begin).field
-        return RegionalNet(self.net.build(case.points, begin, learn), case.labels, self)
+        return RegionalNet(
+            self.net.build(case.points, begin, learn), case.labels,
+            lr=self.lr, lr_region=self.lr_region, smooth=self.smooth,
+        )  # fmt: skip
 
     def _learnt(self, case: Case) -> list[Param]:
         """The parameters to learn, Young's modulus with the bounds of this fit.
@@ -250,45 +257,3 @@ class FitMaterial:
             )
         lo, hi = (10**e for e in self.stiffness)
         return [dataclasses.replace(known[n], lo=lo, hi=hi) if n == "E" else known[n] for n in self.learn]
-
-
-class RegionalNet(Model):
-    """The network's field, each region moved as a whole by a shift of its own.
-
-        c(θ_p) = bounded(net_p, s_{r(p)})
-
-    A region's shift moves with a large step what its particles have in common, the network with a small one what
-    tells them apart; see ``decoder.bounded``.
-    """
-
-    def __init__(self, net: MaterialNet, labels: Tensor, settings: FitMaterial):
-        super().__init__()
-        self.net, self.settings = net, settings
-        self.params = net.decoder.params
-        self.register_buffer("labels", labels)
-        regions = int(labels.max()) + 1
-        self.shift = torch.nn.Parameter(torch.zeros(regions, len(self.params), device=labels.device))
-
-    def forward(self) -> MaterialField:
-        return self._moved(self.net(), self.labels)
-
-    def at(self, points: Points, draft: Tensor) -> MaterialField:
-        return self._moved(self.net(points, take(self.net.start, draft)), self.labels[draft])
-
-    def _moved(self, field: MaterialField, labels: Tensor) -> MaterialField:
-        gain, theta = self.settings.net.param_gain, field.theta
-        moved = {p.name: bounded(p, theta[p.name], self.shift[labels, i], gain) for i, p in enumerate(self.params)}
-        return dataclasses.replace(field, theta=theta | moved)
-
-    def groups(self) -> list[dict[str, Any]]:
-        return [
-            {"params": list(self.net.parameters()), "lr": self.settings.lr},
-            {"params": [self.shift], "lr": self.settings.lr_region},
-        ]
-
-    def penalty(self, field: MaterialField) -> Tensor | None:
-        """The variance of each learnt parameter inside a region."""
-        if not self.settings.smooth:
-            return None
-        inside = [spread(coordinate(p, field.theta[p.name]), self.labels) for p in self.params]
-        return self.settings.smooth * torch.stack(inside).sum()

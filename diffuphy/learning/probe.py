@@ -15,13 +15,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from diffuphy.losses.takes import Take
+from diffuphy.losses.takes import Take, low_pass
 from diffuphy.losses.velocity import Velocity, centroid
 from diffuphy.losses.video import by_frames
 from diffuphy.material import presets
 from diffuphy.mpm import FrameReport, HalfSpace, Scene, Scheme, rollout
 from diffuphy.mpm.sample import coarsen
-from diffuphy.mpm.scheme import Contact
 from diffuphy.render import Skin, look_at, render_gaussians
 from diffuphy.types import Camera, Gaussians, Look, MaterialField, Motion, Particles, Trajectory
 
@@ -46,12 +45,15 @@ class Probe:
     """Grid spacing: Δx = spacing · this^⅓, as for the film."""
     cfl: float = 0.4
     """Courant number."""
-    contact: Contact = "rigid"
-    """Contact with the floor, see ``mpm.Scheme``: "rigid" turns a stiff body back most of a cell above the floor,
-    "elastic" lets it touch first, as films do. A reference from elsewhere than the probe asks for the second, see
-    ``docs/benchmarks/identify.md``; against the probe itself both are the same."""
+    scheme: Scheme = Scheme()
+    """Transfers, walls and time integration. Against the probe itself the choice hardly matters; a reference from
+    elsewhere asks for ``contact="elastic"``, which lets a stiff body touch the floor before it turns, as films do, and
+    of grains for ``sharpen=False, retain=0``: see ``docs/benchmarks/identify.md``."""
     image: int = 64
     """Height and width of the clip [px]."""
+    view: float = 40.0
+    """Angle of view of the camera [deg]: a bounce stays inside 40; a heap of grains runs out of it, and with it goes
+    what shows its friction: 60 keeps it."""
     skin: int = 4
     """Particles each Gaussian follows; several, because a draft particle stands for many Gaussians."""
     background: tuple[float, float, float] = (0.85, 0.9, 1.0)
@@ -65,6 +67,8 @@ class Probe:
                 "a probe needs particles ≥ 64, frames ≥ 2 and image ≥ 16, "
                 f"got {self.particles}, {self.frames}, {self.image}"
             )
+        if not 0.0 < self.view < 180.0:
+            raise ValueError(f"probe.view is an angle in (0, 180) degrees, got {self.view}; 40 is the default")
 
     def scene(self, dx: float, size: float) -> Scene:
         """The drop itself."""
@@ -77,21 +81,27 @@ class Probe:
             lift=self.gap * size,
             boundaries=(HalfSpace(friction=0.5),),
             cfl=self.cfl,
-            scheme=Scheme(contact=self.contact),
+            scheme=self.scheme,
         )
 
-    def bench(self, gaussians: Gaussians, particles: Particles, size: float) -> "Bench":
-        """Set the experiment up for one object."""
-        draft, _ = coarsen(particles, n=self.particles, seed=self.seed)
+    def bench(self, gaussians: Gaussians, particles: Particles, size: float, kind: Tensor | None = None) -> "Bench":
+        """Set the experiment up for one object.
+
+        Args:
+            size: longest side of the object [m].
+            kind: what may be of different materials, shape (N,), int64; the draft keeps the volume of each.
+        """
+        draft, kept = coarsen(particles, n=self.particles, seed=self.seed, kind=kind)
         scene = self.scene(draft.spacing * self.particles_per_cell ** (1 / 3), size)
         # the body hangs at its height, whichever of its particles the draft kept: half a spacing is a frame of the fall
         above = float(draft.x[:, 2].min() - particles.x[:, 2].min())
         scene = dataclasses.replace(scene, lift=self.gap * size + above)
-        return Bench(self, scene, draft, Skin.bind(gaussians, draft, k=self.skin), self.camera(draft, size), size)
+        skin = Skin.bind(gaussians, draft, k=self.skin)
+        return Bench(self, scene, draft, skin, self.camera(draft, size), size, kept)
 
     def camera(self, draft: Particles, size: float) -> Camera:
         """One camera that sees the object from its start down to the floor, whatever it does there."""
-        focal = 0.5 * self.image / math.tan(math.radians(20))
+        focal = 0.5 * self.image / math.tan(math.radians(self.view / 2))
         eye = (0.6 * size, -2.4 * size, 0.9 * size)
         device = draft.x.device
         K = torch.tensor([[focal, 0, self.image / 2], [0, focal, self.image / 2], [0, 0, 1]], device=device)
@@ -111,6 +121,8 @@ class Bench:
     camera: Camera
     size: float
     """Longest side of the object [m]."""
+    kept: Tensor | None = None
+    """Which particle of the object each of the draft is, shape (N,), int64; None: the draft is the object."""
 
     def simulate(
         self,
@@ -202,7 +214,8 @@ class Bench:
 
         def draw(x: Tensor, F: Tensor) -> Tensor:
             means, F_g = self.skin(x, F)
-            return render_gaussians(gaussians, camera, means=means, F=F_g, background=background).rgb[0]
+            picture = render_gaussians(gaussians, camera, means=means, F=F_g, background=background).rgb[0]
+            return low_pass(picture, background, take.blur * self.probe.image) if take.blur else picture
 
         return draw
 

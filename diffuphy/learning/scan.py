@@ -14,11 +14,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from diffuphy.learning.case import Case
+from diffuphy.learning.case import Case, with_columns
 from diffuphy.losses.sds import Weight
 from diffuphy.losses.takes import Take
 from diffuphy.material.field import Hypothesis, prune, warm_start
-from diffuphy.types import MaterialField, SimulationDiverged
+from diffuphy.mpm import rollout_batch
+from diffuphy.types import MaterialField, SimulationDiverged, Trajectory
 from diffuphy.workspace import Workspace
 
 log = logging.getLogger(__name__)
@@ -40,6 +41,7 @@ def scan(
     work: Workspace,
     known: Sequence[float] = (),
     few: int = FEW,
+    batched: bool = False,
 ) -> list[list[dict[str, Any]]]:
     """All combinations of ``table.plastic`` × ``grid`` over the regions, simulated, filmed and scored.
 
@@ -51,6 +53,8 @@ def scan(
         frames: length of the clips.
         known: scores of the first hypotheses, from a checkpoint.
         few: choices of laws whose stiffness is sought more finely than the grid, see ``compass``.
+        batched: simulate hypotheses of one time step together (``mpm.rollout_batch``), in a kernel of all their laws;
+            scores differ by rounding and the length of the steps. For GPUs, see docs/learning.md.
 
     Returns:
         For each of the best ``few`` choices of laws its best stiffness, as one hypothesis for each region; the best
@@ -59,45 +63,81 @@ def scan(
     Raises:
         SimulationDiverged: none of them can be simulated; what can is compared, and the log tells how many cannot.
     """
-    table, regions = case.table, region_values(case.table, case.labels)
-    pairs = list(itertools.product(itertools.product(table.plastic, grid), repeat=len(regions)))
-
-    def hypotheses(pair: Pair) -> list[dict[str, Any]]:
-        return [
-            {"elastic": r["elastic"], "plastic": plastic, "theta": r["theta"] | {"E": 10**log_E}, "rho": r["rho"]}
-            for (plastic, log_E), r in zip(pair, regions, strict=True)
-        ]
-
-    def score(pair: Pair) -> float:
-        guess = warm_start(table.elastic, table.plastic, case.labels, [Hypothesis(**h) for h in hypotheses(pair)])
-        with torch.no_grad():
-            try:
-                return case.cond.score(case.bench.simulate(prune(guess).field, frames), weight)
-            except SimulationDiverged as trouble:  # so soft that the drop tears it apart: not what the clip shows
-                failed.append(trouble)
-                return math.inf
-
-    scores = list(known)
-    failed: list[SimulationDiverged] = []
+    guesses, scores = _Guesses(case, frames, weight), list(known)
+    pairs = sorted(
+        itertools.product(itertools.product(case.table.plastic, grid), repeat=len(guesses.regions)), key=guesses.speed
+    )
+    left = pairs[len(scores) :]
+    groups = [list(g) for _, g in itertools.groupby(left, guesses.speed)] if batched else [[p] for p in left]
     case.cond.prepare(Take.whole(frames))
     with work.bar(len(pairs), "material: scan", initial=len(scores)) as bar, ThreadPoolExecutor(THREADS) as pool:
-        for pair, value in zip(pairs[len(scores) :], pool.map(score, pairs[len(scores) :]), strict=True):
-            scores.append(value)
-            bar.update()
-            seen = {"scan": value} if math.isfinite(value) else {"scan_failed": 1}
-            work.log(len(scores), **seen, hypothesis=_words(pair))
+        for group, values in zip(groups, pool.map(guesses.scores, groups), strict=True):
+            for pair, value in zip(group, values, strict=True):
+                scores.append(value)
+                bar.update()
+                seen = {"scan": value} if math.isfinite(value) else {"scan_failed": 1}
+                work.log(len(scores), **seen, hypothesis=_words(pair))
             if work.due():
                 work.save({"scores": scores})
-    best = _of_each_choice(pairs, scores)[:few]
+    best, failed = _of_each_choice(pairs, scores)[:few], guesses.failed
     if not best:
         raise failed[0] if failed else SimulationDiverged(f"none of {len(pairs)} hypotheses can be simulated")
     if failed:
         log.warning("material: %d of %d hypotheses cannot be simulated: %s", len(failed), len(pairs), failed[0])
     with ThreadPoolExecutor(THREADS) as pool:
-        found = list(pool.map(lambda i: compass(score, pairs[i], scores[i], grid), best))
+        found = list(pool.map(lambda i: compass(guesses.score, pairs[i], scores[i], grid), best))
     found.sort(key=lambda f: f[1])
     log.info("material: scanned %d hypotheses; %s", len(pairs), "; ".join(f"{_words(p)}: {v:.3g}" for p, v in found))
-    return [hypotheses(pair) for pair, _ in found]
+    return [guesses.hypotheses(pair) for pair, _ in found]
+
+
+class _Guesses:
+    """What a pair stands for, and how well it does."""
+
+    def __init__(self, case: Case, frames: int, weight: Weight):
+        self.case, self.frames, self.weight = case, frames, weight
+        self.regions = region_values(case.table, case.labels)
+        self.failed: list[SimulationDiverged] = []
+        """Why some cannot be simulated."""
+
+    def hypotheses(self, pair: Pair) -> list[dict[str, Any]]:
+        return [
+            {"elastic": r["elastic"], "plastic": plastic, "theta": r["theta"] | {"E": 10**log_E}, "rho": r["rho"]}
+            for (plastic, log_E), r in zip(pair, self.regions, strict=True)
+        ]
+
+    def speed(self, pair: Pair) -> float:
+        """max_r E_r/ρ_r [m²/s²]: hypotheses that share it share the time step of their stiffest region."""
+        return max(10**log_E / r["rho"] for (_, log_E), r in zip(pair, self.regions, strict=True))
+
+    def score(self, pair: Pair) -> float:
+        return self.scores([pair])[0]
+
+    def scores(self, pairs: list[Pair]) -> list[float]:
+        """Of hypotheses that are simulated together; infinite for one that cannot be simulated alone."""
+        with torch.no_grad():
+            try:
+                drops = self._drops([self._field(pair) for pair in pairs])
+            except SimulationDiverged as trouble:  # so soft that the drop tears it apart: not what the clip shows
+                if len(pairs) > 1:
+                    return [self.score(pair) for pair in pairs]
+                self.failed.append(trouble)
+                return [math.inf]
+            return [self.case.cond.score(drop, self.weight) for drop in drops]
+
+    def _field(self, pair: Pair) -> MaterialField:
+        table, guess = self.case.table, [Hypothesis(**h) for h in self.hypotheses(pair)]
+        return prune(warm_start(table.elastic, table.plastic, self.case.labels, guess)).field
+
+    def _drops(self, fields: list[MaterialField]) -> list[Trajectory]:
+        """Several in one launch, each with the laws of all, those of the others without weight."""
+        bench, table = self.case.bench, self.case.table
+        if len(fields) == 1:
+            return [bench.simulate(fields[0], self.frames)]
+        elastic = [n for n in table.elastic if any(n in f.elastic for f in fields)]
+        plastic = [n for n in table.plastic if any(n in f.plastic for f in fields)]
+        fields = [with_columns(f, elastic, plastic) for f in fields]
+        return rollout_batch(bench.scene, bench.draft.x, bench.draft.vol, fields, frames=self.frames)
 
 
 def compass(

@@ -1,9 +1,11 @@
 """What one step of video score distillation looks at: which frames of the motion, from where, on what."""
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
 import torch
+from torch import Tensor
 
 
 @dataclass(frozen=True)
@@ -16,6 +18,8 @@ class Take:
     """Turn of the experiment's camera about the vertical axis through the object [deg]."""
     background: tuple[float, float, float] | None = None
     """Colour behind the object; None is the experiment's."""
+    blur: float = 0.0
+    """Standard deviation of the low-pass it is seen through, as a share of the picture's height [-]; 0 is sharp."""
 
     @classmethod
     def whole(cls, frames: int) -> "Take":
@@ -98,3 +102,25 @@ class Takes:
             return (1.0, 1.0, 1.0)
         r, g, b = torch.rand(3, generator=generator, device=generator.device).tolist()
         return (r, g, b)
+
+
+def low_pass(picture: Tensor, background: Tensor, sigma: float) -> Tensor:
+    """The picture through a Gaussian of standard deviation σ, in front of an endless background.
+
+        b + g_σ ∗ (picture − b),   g_σ(r) ∝ exp(−r²/2σ²),  |r| ≤ 3 σ along each axis
+
+    Sharp pictures of bodies that do not overlap differ by their areas, wherever they are; blurred by about the distance
+    they differ by it (coarse to fine: Lucas & Kanade 1981; Bergen et al. 1992).
+
+    Args:
+        picture: shape (H, W, 3). background: b, shape (3,).
+        sigma: σ > 0 [px].
+    """
+    reach = math.ceil(3 * sigma)
+    r = torch.arange(-reach, reach + 1, dtype=picture.dtype, device=picture.device)
+    g = torch.exp(-0.5 * (r / sigma) ** 2)
+    g = (g / g.sum()).expand(3, 1, 1, -1)
+    seen = (picture - background).permute(2, 0, 1)[None]
+    seen = torch.nn.functional.conv2d(seen, g, padding=(0, reach), groups=3)
+    seen = torch.nn.functional.conv2d(seen, g.mT, padding=(reach, 0), groups=3)
+    return background + seen[0].permute(1, 2, 0)

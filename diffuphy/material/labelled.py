@@ -80,6 +80,13 @@ class LabelledMaterial:
             index[mine := label == name] = k
             if not bool(mine.any()):
                 raise ValueError(f"the label {name} ({word}) has no particles; raise sample.cells, or leave it out")
+        return self._field(index)
+
+    def expected(self, motion: Motion, share: float = 1.0) -> MaterialField:
+        """What a forecast is made with: one row for each label."""
+        return self._field(torch.arange(len(self.words)))
+
+    def _field(self, index: Tensor) -> MaterialField:
         return presets.field([presets.lookup(word) for word in self.words], index)
 
 

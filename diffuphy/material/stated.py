@@ -111,6 +111,13 @@ class StatedMaterial:
                     f"pieces[{k}] holds none of the {len(particles)} particles: {piece.low} to {piece.high} m; the "
                     "origin is the middle of the object"
                 )
+        return self._field(label)
+
+    def expected(self, motion: Motion, share: float = 1.0) -> MaterialField:
+        """What a forecast is made with: one row for each piece."""
+        return self._field(torch.arange(len(self.pieces)))
+
+    def _field(self, label: torch.Tensor) -> MaterialField:
         known = {name: value for p in reversed(self.pieces) for name, value in p.theta.items()}
         matter = [Hypothesis(p.elastic, p.plastic, known | p.theta, p.rho) for p in self.pieces]
         return warm_start(self.elastic, self.plastic, label, matter)

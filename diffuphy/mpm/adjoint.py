@@ -19,6 +19,7 @@ import warp as wp
 
 from diffuphy.mpm.adjoint_g2p import make_g2p_adjoint
 from diffuphy.mpm.drive import make_drives
+from diffuphy.mpm.obstacle import make_obstacle
 from diffuphy.mpm.rows import make_rows
 from diffuphy.mpm.survey import make_survey
 from diffuphy.mpm.transfer import make_transfer
@@ -51,6 +52,7 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
     body, driven = variant.body, len(drives) > 0
     drive = make_drives(drives, real)
     drive_t, accelerate, accelerate_adjoint = drive.drive_t, drive.accelerate, drive.accelerate_adjoint
+    brings = make_obstacle(variant).brings
     hold, hold_adjoint, pushed, pushes = drive.hold, drive.hold_adjoint, drive.pushed, drive.impulses > 0
     scale = real(1 if variant.scheme.force == "classic" else 1 / variant.scheme.inertia)
     beside, wall_t = make_rows(variant).beside, make_rows(variant).wall_t
@@ -101,11 +103,10 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
         need_m: bool,
     ):
         p = start + wp.tid()
-        r = at + p
-        base, idx = (p // per_scene) * (n[0] * n[1] * n[2]), real(1.0) / dx
+        r, base, idx = at + p, (p // per_scene) * (n[0] * n[1] * n[2]), real(1.0) / dx
         place = (X[p] - low) + u[r]
         bx, by, bz, f = cell(place * idx)
-        dt, kick = steps[s][0], steps[s][1]
+        dt, kick, share = steps[s][0], steps[s][1], brings(tag, p, drive_row, s)
         w_e_p, w_p_p, theta_p = material_of(w_e, w_p, theta, p)
         F = eye() + He[r]
         if wp.static(memory):
@@ -115,7 +116,7 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
         if wp.static(branched):
             tau_N, _flow_N = branch_stress(eye() + HN[r], HN[r], theta_p, dt)
             tau += tau_N
-        m_p = m[p]
+        m_p = share * m[p]
         v_p = v[r]
         C_p = C[r]
         a_p = vec3()
@@ -127,7 +128,7 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
         phi, normal = beside(place, dx, wall_row, sdf, ws)
         S, S_f, A_bar, tau_bar, m_i, along = from_nodes(
             bar, base, n, bx, by, bz, f,
-            m_p, v_p, (m_p * dx) * C_p, (kick * m_p) * a_p, (-kick * scale * idx) * vol[p], tau, phi, normal,
+            m_p, v_p, (m_p * dx) * C_p, (kick * m_p) * a_p, (-kick * scale * idx * share) * vol[p], tau, phi, normal,
         )  # fmt: skip
         v_b, C_b, x_b = m_p * S, (m_p * dx) * A_bar, idx * along
         if wp.static(driven):
@@ -159,7 +160,8 @@ def _make_p2g_adjoint(variant: Variant) -> wp.Kernel:
         if need_theta:
             theta_bar[p] = theta_bar[p] + th_b
         if need_m:
-            m_bar[p] = m_bar[p] + wp.dot(S, v_p) + dx * wp.ddot(A_bar, C_p) + m_i + kick * wp.dot(S_f, a_p)
+            brought = wp.dot(S, v_p) + dx * wp.ddot(A_bar, C_p) + m_i + kick * wp.dot(S_f, a_p)
+            m_bar[p] = m_bar[p] + share * brought
 
     return p2g_adjoint
 

@@ -24,6 +24,7 @@ import warp as wp
 
 from diffuphy.material import volume
 from diffuphy.mpm.drive import make_drives
+from diffuphy.mpm.obstacle import make_obstacle
 from diffuphy.mpm.rows import make_around, make_rows
 from diffuphy.mpm.transfer import make_transfer
 from diffuphy.mpm.variant import Variant
@@ -63,6 +64,8 @@ def _make_p2g(variant: Variant) -> wp.Kernel:
     body, driven, sparse = variant.body, len(drives) > 0, variant.sparse
     drive = make_drives(drives, real)
     drive_t, accelerate, hold = drive.drive_t, drive.accelerate, drive.hold
+    obstructs, holding, joined = variant.obstructs, drive.holding, drive.joined
+    mark, join = make_obstacle(variant).mark, make_obstacle(variant).join
 
     @wp.kernel(module="unique", enable_backward=False)
     def p2g(
@@ -95,6 +98,7 @@ def _make_p2g(variant: Variant) -> wp.Kernel:
         start: wp.int32,  # first particle of this launch
         cells: wp.array[wp.uint8],  # (nodes,) where a particle may be, only if sparse
         grid: wp.array[node_t],  # (lanes · nodes,) momentum [kg m/s], mass [kg], impulse [N s]   out
+        pins: wp.array[node_t],  # (lanes · nodes,) of held matter, see ``obstacle``   out, only with some
         He_out: wp.array[mat33],  # (N,) [-]  elastic part minus I, after flow   out, only with plasticity
         HN_out: wp.array[mat33],
         memory_out: wp.array[memory_t],
@@ -140,6 +144,12 @@ def _make_p2g(variant: Variant) -> wp.Kernel:
         T = (-kick * vol[p] * idx) * tau
         phi, _n = beside(place, dx, wall_row, sdf, ws)
         base = (p // per) * (n[0] * n[1] * n[2])
+        if wp.static(obstructs):
+            if holding(tag[p], drive_row, s):
+                mark(pins, base, n, bx, by, bz, f, dx, vol[p], v_p, C_p)
+                return
+            if joined(tag[p]):
+                join(pins, base, n, bx, by, bz, f, m_p)
         bring(grid, base, n, bx, by, bz, f, m_p, v_p, (m_p * dx) * C_p, (kick * m_p) * a_p, T, phi)
 
     return p2g

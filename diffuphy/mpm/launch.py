@@ -191,7 +191,11 @@ class Bound:
         count = grid.nodes * lanes.scenes
         self.grid = args.nodal("grid", count * lanes.copies, v.node_t, clear=self.rows)
         self.acc = args.nodal("acc", count if v.two_passes else 1, v.node_t)
-        self.load = args.nodal("load", count, v.node_t) if v.held else self.acc
+        self.load = args.nodal("load", count, v.node_t) if v.loads else self.acc
+        self.pins = self.pin = self.acc
+        if v.obstructs:
+            self.pins = args.nodal("pins", count * lanes.copies, v.node_t, clear=self.rows)
+            self.pin = args.nodal("pin", count, v.node_t)
         self.sigma = args.nodal("sigma", count if v.scheme.sharpen else 1, v.node_t)
         self.grid_v = args.nodal("grid_v", count, v.node_t)
 

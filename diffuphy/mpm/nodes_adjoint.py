@@ -1,10 +1,10 @@
 """Adjoint of the passes over the grid, by hand; ``nodes`` has the formulas they belong to.
 
-With bars for ∂loss/∂ and y = g̅/m, g̅ = contactᵀ v̄,
+With bars for ∂loss/∂ and y = g̅/m, g̅ = contactᵀ v̄, zero at nodes that held matter stops,
 
     walls      v̄⁰ ← v̄⁰ + g̅,  ā* = g̅
     sharpen    c̄ = S y,   m̄ = −(a* − a)·y + Σ_edges,cells (∂weight/∂m) (∇c : ∇y)            S is its own transpose
-    hold       ā = g̅ + Πᵀ c̄
+    hold       ā = g̅ + Πᵀ c̄,   Π = 0 at nodes that are one piece with held matter
     divide     q̄ = v̄⁰/m,  f̄ = ā/m,  m̄ ← m̄ − (v̄⁰·v⁰ + ā·f/m)/m,   ḡ ← ḡ + k Σ σ ā
     reflect    the same reflection
 """
@@ -16,6 +16,7 @@ import warp as wp
 from diffuphy.mpm.boundary import DAMPING, make_contact
 from diffuphy.mpm.mirror import make_reflection
 from diffuphy.mpm.nodes import make_free, make_left
+from diffuphy.mpm.obstacle import JOINED, make_obstacle
 from diffuphy.mpm.places import make_places
 from diffuphy.mpm.sharpen import make_sharpening
 from diffuphy.mpm.variant import Variant
@@ -43,12 +44,13 @@ def _make_move_adjoint(v: Variant) -> wp.Kernel:
     contact_adjoint, contact_rows, wall_t = contact.adjoint, contact.adjoint_rows, contact.wall_t
     has_walls, elastic, step_t = len(v.walls) > 0, v.elastic, v.step_t
     vec4, damping, half = wp.types.vector(4, real), real(2.0 * DAMPING), real(0.5)
-    sparse = v.sparse
+    sparse, obstructs, stops = v.sparse, v.obstructs, make_obstacle(v).stops
 
     @wp.kernel(module="unique", enable_backward=False)
     def move_adjoint(
         acc: wp.array[node_t],
         load: wp.array[node_t],
+        pin: wp.array[node_t],
         sigma: wp.array[node_t],
         bar: wp.array[node_t],  # (scenes · lanes · nodes,) of the velocities after and before the step; cleared
         lanes: wp.int32,
@@ -76,9 +78,16 @@ def _make_move_adjoint(v: Variant) -> wp.Kernel:
         if m > real(0.0):
             b = summed(bar, o - base, scene, lanes, nodes)
             g, e_bar = vec3(b[0], b[1], b[2]), vec4()
-            if wp.static(has_walls):
+            stopped = bool(False)
+            if wp.static(has_walls or obstructs):
                 at = index(o - base, n)
                 u = free(acc, load, sigma, o, base, at, n)
+            if wp.static(obstructs):
+                q = pin[o]
+                stopped = stops(u, q, acc, base, at, n)
+                if stopped:
+                    u = vec3(q[0], q[1], q[2])
+            if wp.static(has_walls):
                 place = dx * vec3(real(at[0]), real(at[1]), real(at[2]))
                 e = vec4()
                 if wp.static(elastic):
@@ -91,6 +100,8 @@ def _make_move_adjoint(v: Variant) -> wp.Kernel:
                 if wp.static(elastic):
                     root = wp.sqrt(steps[s][3])
                     omega_bar[o] = omega_bar[o] + steps[s][1] * (e_bar[1] + half * damping * e_bar[2] / root)
+            if stopped:
+                g = vec3()
             y[o] = node_t(b[4] + g[0], b[5] + g[1], b[6] + g[2], e_bar[0], g[0] / m, g[1] / m, g[2] / m, real(0.0))
             for lane in range(lanes):
                 bar[(scene * lanes + lane) * nodes + o - base] = node_t()
@@ -105,12 +116,14 @@ def _make_divide_adjoint(v: Variant) -> wp.Kernel:
     index, seen, sparse = make_places().index, make_reflection(v).seen, v.sparse
     sharpened = make_sharpening(v).sharpened if sharpen else None
     of_mass = make_sharpening(v).of_mass if sharpen else None
-    held, left_adjoint, wall_t = len(v.held) > 0, make_left(v).left_adjoint, make_contact(v.walls, real).wall_t
+    loads, left_adjoint, wall_t = v.loads, make_left(v).left_adjoint, make_contact(v.walls, real).wall_t
+    obstructs = v.obstructs
 
     @wp.kernel(module="unique", enable_backward=False)
     def divide_adjoint(
         acc: wp.array[node_t],
         load: wp.array[node_t],
+        pin: wp.array[node_t],
         sigma: wp.array[node_t],  # of c, from ``cells``
         y: wp.array[node_t],
         sigma_y: wp.array[node_t],  # from ``cells_adjoint``
@@ -150,9 +163,12 @@ def _make_divide_adjoint(v: Variant) -> wp.Kernel:
             a_bar, m_bar = m * y_o, real(0.0)
             if wp.static(sharpen):
                 c_bar = sharpened(acc, y, sigma_y, base, at, n)
-                if wp.static(held):
+                if wp.static(loads):
                     a = load[o]
                     c_bar = left_adjoint(c_bar, at, low, high, sticky, dx, row, sdf, ws)
+                if wp.static(obstructs):
+                    if pin[o][7] == real(JOINED):
+                        c_bar = vec3()
                 a_bar += c_bar
                 m_bar = of_mass(acc, y, sigma_y, base, at, n) - wp.dot(sharpened(acc, acc, sigma, base, at, n), y_o) / m
             m_bar -= (wp.dot(v0_bar, v0) + wp.dot(a_bar, vec3(a[4], a[5], a[6]) - g)) / m

@@ -35,7 +35,7 @@ def _p2g(b: Bound, status: wp.array, He: wp.array, HN: wp.array, memory: wp.arra
     a, args = b.arrays, b.args
     return args.record(make_kernels(b.variant).p2g, b.particles, [
         a.X, a.u, a.v, a.C, a.He, a.HN, a.memory, *b.matter, b.body, b.tag, b.drive, b.walls, args.sdf, 0,
-        b.low, b.dx, b.n, args.lanes.per, b.steps, 0, 0, 0, 0, b.cells, b.grid, He, HN, memory, status,
+        b.low, b.dx, b.n, args.lanes.per, b.steps, 0, 0, 0, 0, b.cells, b.grid, b.pins, He, HN, memory, status,
     ])  # fmt: skip
 
 
@@ -46,7 +46,7 @@ def _grid(b: Bound, sums: Sums | None) -> Phases:
     if v.two_passes:
         phases.append(args.record(k.divide, b.nodes, [
             b.grid, args.lanes.copies, b.n, args.gravity, b.steps, 0, *b.planes, 0, b.active,
-            b.walls, args.sdf, 0, b.dx, b.acc, b.load,
+            b.walls, args.sdf, 0, b.dx, b.pins, b.acc, b.load, b.pin,
         ]))  # fmt: skip
     if sums is not None and sums.expected_dv is not None:
         dv = args.view(sums.expected_dv, v.vec3)
@@ -59,8 +59,8 @@ def _grid(b: Bound, sums: Sums | None) -> Phases:
     if v.measures and (sums is None or sums.nodal is None):  # a kernel that measures needs a place to put it
         impulse = args.nodal("impulse", b.span.grid.nodes * args.lanes.scenes, v.vec3)
     phases.append(args.record(k.move, b.nodes, [
-        b.grid, args.lanes.copies, b.acc, b.load, b.sigma, b.walls, args.sdf, 0, b.n, b.dx, args.gravity, b.steps, 0, 0,
-        b.active, b.grid_v, impulse,
+        b.grid, b.pins, args.lanes.copies, b.acc, b.load, b.pin, b.sigma, b.walls, args.sdf, 0, b.n, b.dx, args.gravity,
+        b.steps, 0, 0, b.active, b.grid_v, impulse,
     ]))  # fmt: skip
     return phases
 
@@ -89,7 +89,7 @@ def backward(b: Bound, bars: Bars, needs: Needs, flowed: tuple[wp.array, wp.arra
     # gradients of walls are summed over nodes into one row, which two threads must not write at once
     there = b.nodes if bars.walls is None else alone(b.nodes)
     phases.append(args.record(nodes.move_adjoint, there, [
-        b.acc, b.load, b.sigma, bar, lanes.copies, b.walls, args.sdf, 0, b.n, b.dx, b.steps, 0, 0, b.active, y,
+        b.acc, b.load, b.pin, b.sigma, bar, lanes.copies, b.walls, args.sdf, 0, b.n, b.dx, b.steps, 0, 0, b.active, y,
         args.view(bars.omega, v.real), rows, bars.walls is not None,
     ]))  # fmt: skip
     sigma_y = args.nodal("sigma_y", count if v.scheme.sharpen else 1, v.node_t)
@@ -97,8 +97,8 @@ def backward(b: Bound, bars: Bars, needs: Needs, flowed: tuple[wp.array, wp.arra
         phases.append(args.record(nodes.cells_adjoint, b.nodes, [b.acc, y, b.n, 0, b.active, sigma_y]))
     gravity = args.view(bars.gravity, v.vec3)
     phases.append(args.record(nodes.divide_adjoint, b.nodes, [
-        b.acc, b.load, b.sigma, y, sigma_y, b.n, args.gravity, b.steps, 0, *b.planes, b.walls, args.sdf, 0, b.dx, 0,
-        b.active, out, gravity, bars.gravity is not None,
+        b.acc, b.load, b.pin, b.sigma, y, sigma_y, b.n, args.gravity, b.steps, 0, *b.planes, b.walls, args.sdf, 0, b.dx,
+        0, b.active, out, gravity, bars.gravity is not None,
     ]))  # fmt: skip
     if v.mirror:  # y has been read: it takes the image
         phases.append(args.record(nodes.reflect, b.nodes, [out, b.n, *b.planes, 0, b.active, y]))

@@ -143,7 +143,8 @@ def simulate(
 
     def driven() -> tuple[Scene, Matter]:
         drives = (*own, *steer(state)) if steer is not None else own
-        tag = tags(drives, placed(scene, x, matter.vol).detach(), matter.m.detach()) if drives else None
+        at = placed(scene, x, matter.vol).detach()
+        tag = tags(drives, at, matter.m.detach(), scene.dx, scenes) if drives else None
         return dataclasses.replace(scene, drives=drives), dataclasses.replace(matter, tag=tag)
 
     scene, matter = driven()

@@ -225,16 +225,26 @@ class Sample:
 
 
 def coarsen(
-    particles: Particles, *, spacing: float | None = None, n: int | None = None, seed: int = 0
+    particles: Particles,
+    *,
+    spacing: float | None = None,
+    n: int | None = None,
+    seed: int = 0,
+    kind: Tensor | None = None,
 ) -> tuple[Particles, Tensor]:
     """Fewer, larger particles of the same body: one for each cell of a coarse lattice, with the volume of all in it.
 
+        V_c = Σ_{p ∈ c} V_p,   hence  Σ_{c of kind k} V_c = Σ_{p of kind k} V_p
+
     The one nearest to the centre of volume of its cell is kept, so that every coarse particle is one of the fine ones.
+    A cell that holds several kinds gives one particle of each: kinds keep their volumes whatever the lattice, where a
+    layer two cells thick would otherwise gain or lose a third of it by the phase.
 
     Args:
         spacing: side of the coarse lattice [m].
         n: or at most so many particles; the finest lattice that gives them is sought.
         seed: of the lattice's phase.
+        kind: what does not mix, such as the region of each fine particle, shape (N,), int64; None: all are alike.
 
     Returns:
         The coarse particles, and the index of each among the fine ones, shape (n,), int64, ascending.
@@ -246,9 +256,11 @@ def coarsen(
         raise ValueError(f"give either a positive spacing or a positive n, got spacing = {spacing}, n = {n}")
     x, vol = particles.x.detach().cpu().double(), particles.vol.detach().cpu().double()
     phase = torch.rand(3, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+    kinds = None if kind is None else kind.detach().cpu().long()[:, None]
 
     def bins(h: float) -> tuple[Tensor, int]:
         cell = ((x - x.amin(0)) / h + phase).floor().long()
+        cell = cell if kinds is None else torch.cat([cell, kinds], 1)
         names, which = torch.unique(cell, dim=0, return_inverse=True)
         return which, len(names)
 

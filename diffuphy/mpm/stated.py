@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 from torch import Tensor
 
@@ -57,6 +58,8 @@ class Push:
 class Stated(Play):
     """Plays a scene of given walls and drives: metres, z up, the floor of the film at z = 0, the object above the
     origin."""
+
+    VERSION: ClassVar[int] = Play.VERSION + 1  # what is held is a wall
 
     size: float | None = None
     """Longest side of the object that the scene is meant for [m]; None fits every object."""

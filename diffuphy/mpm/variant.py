@@ -9,6 +9,7 @@ from typing import Any
 import warp as wp
 
 from diffuphy.compiling import LOCK
+from diffuphy.mpm.drive.kernels import HOLDING_KINDS
 from diffuphy.mpm.scheme import Scheme
 
 Signature = tuple[Any, ...]
@@ -51,9 +52,19 @@ class Variant:
         return any(wall[-1] for wall in self.walls)
 
     @cached_property
+    def obstructs(self) -> bool:
+        """Whether some drive holds particles, which stop the others."""
+        return any(kind in HOLDING_KINDS for kind, _ in self.drives)
+
+    @cached_property
+    def loads(self) -> bool:
+        """Whether nodes keep their acceleration beside what is left of it to be sharpened."""
+        return len(self.held) > 0 or (self.obstructs and self.scheme.sharpen)
+
+    @cached_property
     def two_passes(self) -> bool:
         """Whether nodes read their neighbours, so that a pass must end before the next begins."""
-        return self.scheme.sharpen or self.mirror or self.twice or self.elastic
+        return self.scheme.sharpen or self.mirror or self.twice or self.elastic or self.obstructs
 
     @cached_property
     def vec3(self) -> Any:

@@ -54,7 +54,7 @@ def make_plan(
         *scene_lines(resolved, prompt.motion),
         *scheme_lines(resolved),
         *object_lines(resolved),
-        *loss_lines(resolved),
+        *loss_lines(resolved, device),
         *model_lines(resolved),
         *film_lines(resolved),
         *error_lines(resolved),

@@ -8,8 +8,12 @@ from typing import Any
 from diffuphy.plan.line import Line
 
 
-def loss_lines(components: Mapping[str, Any]) -> list[Line]:
-    """Scan, gradient and losses of the material."""
+def loss_lines(components: Mapping[str, Any], device: str = "cpu") -> list[Line]:
+    """Scan, gradient and losses of the material.
+
+    Args:
+        device: where the run will be.
+    """
     fit = components["material"]
     if hasattr(fit, "plan"):  # a rival of our own method
         return [
@@ -38,10 +42,17 @@ def loss_lines(components: Mapping[str, Any]) -> list[Line]:
                   "no loss needs impulses or forces"),
         Line.kept("enumeration", bool(fit.stiffness_steps), "finds the basin before descending",
                   "material.stiffness_steps=0", other("stiffness_steps")),
+        *([_launches(device)] if fit.stiffness_steps else ()),
         Line("certainty", "left out", "material.pixel_noise is null") if fit.pixel_noise is None
         else Line("certainty", "stated", f"standard errors at a pixel noise of {fit.pixel_noise:g}"),
         *(training_lines(fit) if fit.steps else ()),
     ]  # fmt: skip
+
+
+def _launches(device: str) -> Line:
+    if device.startswith("cuda"):
+        return Line("hypotheses", "batched", "those of one time step in one launch, for the time of one")
+    return Line("hypotheses", "one by one", "on a CPU one launch of all takes no less time")
 
 
 def training_lines(fit: Any) -> list[Line]:

@@ -38,6 +38,8 @@ def mixture_lines(components: Mapping[str, Any]) -> list[Line]:
     )
 
     def other(**laws: tuple[str, ...]) -> dict[str, Any]:
+        if hasattr(fit, "experts") or hasattr(fit, "expected"):
+            return {}  # its laws are its own affair: there is no run of it that had others
         return {"material": dataclasses.replace(fit, **laws)}
 
     more = next(e for e in ("neo_hookean", "fixed_corotated") if e not in elastic or len(elastic) > 1)

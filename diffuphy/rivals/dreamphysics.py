@@ -6,9 +6,10 @@ from typing import Literal
 
 from diffuphy.learning.case import Case
 from diffuphy.learning.descent import Model
+from diffuphy.material import Param
 from diffuphy.material.decoder import inside
 from diffuphy.material.moduli import E
-from diffuphy.rivals.particles import ParticleField, Rule
+from diffuphy.rivals.particles import ParticleField, Rule, risen, towards
 from diffuphy.rivals.rival import Rival, of_one_law, whole
 from diffuphy.rivals.substep import LastSubstep
 from diffuphy.types import MaterialField, Motion
@@ -51,11 +52,28 @@ class DreamPhysics(Rival):
         preset = whole(motion)
         return (preset.elastic,), (preset.plastic,), f"{self.NAME} takes the law that the user names: {preset.word}"
 
-    def model(self, case: Case, told: MaterialField) -> Model:
-        young = dataclasses.replace(E, lo=self.low, hi=self.high)
+    @property
+    def learnt(self) -> list[Param]:
+        """Parameters of each particle, with their bounds."""
+        return [dataclasses.replace(E, lo=self.low, hi=self.high)]
+
+    def begin(self, told: MaterialField) -> MaterialField:
         start = of_one_law(told, told.elastic[0], told.plastic[0], {"E": self.start})
-        start = dataclasses.replace(start, theta=inside([young], start.theta))
-        return ParticleField(start, [young], self.rule, self.step, self.lr)
+        return dataclasses.replace(start, theta=inside(self.learnt, start.theta))
+
+    def model(self, case: Case, start: MaterialField) -> Model:
+        return ParticleField(start, self.learnt, self.rule, self.step, self.lr)
+
+    def stiffest(self, start: MaterialField, told: MaterialField, share: float) -> MaterialField:
+        """``minmax`` moves one particle up by half a step whatever the clip says; Adam goes towards what it shows."""
+        steps = round(share * self.steps)
+        if self.rule == "minmax":
+            moved = risen(self.learnt, start.theta, 0.5 * self.step * steps)
+        else:
+            descent = self.descent()
+            reach = self.lr * sum(descent.rate(step) for step in range(steps))
+            moved = {"E": towards(start.theta["E"], told.theta["E"], reach)}
+        return dataclasses.replace(start, theta=start.theta | moved)
 
     def trained_against(self, case: Case) -> Case:
         return dataclasses.replace(case, bench=LastSubstep.like(case.bench)) if self.gradient == "substep" else case

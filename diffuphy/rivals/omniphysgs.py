@@ -83,12 +83,14 @@ class OmniPhysGS(Rival):
     def experts(self, motion: Motion) -> tuple[tuple[str, ...], tuple[str, ...], str]:
         return self.candidates_elastic, self.candidates_plastic, f"{self.NAME} chooses among them, whatever the prompt"
 
-    def model(self, case: Case, told: MaterialField) -> Model:
+    def begin(self, told: MaterialField) -> MaterialField:
         n, laws = len(told), (tuple(self.candidates_elastic), tuple(self.candidates_plastic))
         even = [told.rho.new_full((n, len(names)), 1 / len(names)) for names in laws]
         values = {p.name: self.constants.get(p.name, p.default) for p in parameters(*laws)}
         theta = {name: torch.full_like(told.rho, value) for name, value in values.items()}
-        start = MaterialField(*laws, *even, theta, told.rho)
+        return MaterialField(*laws, *even, theta, told.rho)
+
+    def model(self, case: Case, start: MaterialField) -> Model:
         return GroupChoice(self.network.build(case.points, start, ()), case.bench.draft.x, self.lr)
 
     def plan(self) -> list[tuple[str, str, str]]:

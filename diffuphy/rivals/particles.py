@@ -1,7 +1,7 @@
 """A field of free particles, and the rule that DreamPhysics and Physics3D move it by."""
 
 import dataclasses
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Literal
 
 import torch
@@ -78,3 +78,19 @@ class ParticleField(Model):
         if self.rule == "adam":
             return super().optimiser()
         return MinMax([self.y], self.step, self.low, self.high)
+
+
+def risen(learn: Sequence[Param], theta: Mapping[str, Tensor], by: float) -> dict[str, Tensor]:
+    """Parameters moved up by a distance on their scale (``decoder.coordinate``), each up to its bound."""
+    found = {}
+    for p in learn:
+        y, high = coordinate(p, theta[p.name]) + by, coordinate(p, torch.tensor(p.hi))
+        y = y.clamp(max=float(high))
+        found[p.name] = 10**y if p.log else p.lo + (p.hi - p.lo) * y
+    return found
+
+
+def towards(start: Tensor, goal: Tensor, reach: float) -> Tensor:
+    """A value that goes from ``start`` to ``goal`` as far as ``reach`` decades take it."""
+    way = (goal / start).log10()
+    return start * 10 ** way.clamp(-reach, reach)

@@ -16,6 +16,7 @@ from diffuphy.material.decoder import bounded, inside
 from diffuphy.material.encoder import Points
 from diffuphy.material.moduli import E
 from diffuphy.metrics.structure import ssim
+from diffuphy.rivals.particles import towards
 from diffuphy.rivals.rival import Frozen, Rival, of_one_law
 from diffuphy.types import MaterialField, Motion, Trajectory
 
@@ -154,9 +155,17 @@ class PhysDreamer(Rival):
     def experts(self, motion: Motion) -> tuple[tuple[str, ...], tuple[str, ...], str]:
         return ("fixed_corotated",), ("identity",), f"{self.NAME} is elastic, whatever the material"
 
-    def model(self, case: Case, told: MaterialField) -> Model:
+    def begin(self, told: MaterialField) -> MaterialField:
         start = of_one_law(told, "fixed_corotated", "identity", {"E": self.start})
-        return Triplane(dataclasses.replace(start, theta=inside([E], start.theta)), case.bench.draft.x, self)
+        return dataclasses.replace(start, theta=inside([E], start.theta))
+
+    def model(self, case: Case, start: MaterialField) -> Model:
+        return Triplane(start, case.bench.draft.x, self)
+
+    def stiffest(self, start: MaterialField, told: MaterialField, share: float) -> MaterialField:
+        """It is taken to end at what the clip shows, and to come there evenly."""
+        way = share * float((told.theta["E"] / start.theta["E"]).log10().abs())
+        return dataclasses.replace(start, theta=start.theta | {"E": towards(start.theta["E"], told.theta["E"], way)})
 
     def trained_against(self, case: Case) -> Case:
         return dataclasses.replace(case, cond=OneClip(case.cond, seed=self.seed, steps=self.samples))

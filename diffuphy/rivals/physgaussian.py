@@ -68,6 +68,10 @@ class PhysGaussian:
             return filled(whole(motion), torch.zeros(len(particles), dtype=torch.long, device=particles.x.device))
         return StatedMaterial((self._piece(motion),))(look, motion, gaussians, particles, work=work)
 
+    def expected(self, motion: Motion, share: float = 1.0) -> MaterialField:
+        """What a forecast is made with: one row."""
+        return StatedMaterial((self._piece(motion),)).expected(motion)
+
     def _word(self, motion: Motion) -> Preset:
         """The material that the user names; it does not melt."""
         return lookup(motion.materials.get("", next(iter(motion.materials.values()))))

@@ -3,13 +3,11 @@
 import dataclasses
 from dataclasses import dataclass
 
-from diffuphy.learning.case import Case
-from diffuphy.learning.descent import Model
+from diffuphy.material import Param
 from diffuphy.material.branch import E_N, RELAXATION_TIME
 from diffuphy.material.decoder import inside
-from diffuphy.material.moduli import NU, E
+from diffuphy.material.moduli import NU
 from diffuphy.rivals.dreamphysics import DreamPhysics
-from diffuphy.rivals.particles import ParticleField
 from diffuphy.rivals.rival import of_one_law
 from diffuphy.types import MaterialField, Motion
 
@@ -43,13 +41,14 @@ class Physics3D(DreamPhysics):
         """Viscous branches of the result."""
         return ("maxwell",)
 
-    def model(self, case: Case, told: MaterialField) -> Model:
-        young = dataclasses.replace(E, lo=self.low, hi=self.high)
-        learn = [young, NU, E_N, RELAXATION_TIME]
+    @property
+    def learnt(self) -> list[Param]:
+        return [*super().learnt, NU, E_N, RELAXATION_TIME]
+
+    def begin(self, told: MaterialField) -> MaterialField:
         constants = {"E": self.start, "E_N": self.E_N, "relaxation_time": self.relaxation_time, "bulk_relaxation": 0.0}
         start = of_one_law(told, "fixed_corotated", "identity", constants, self.branches)
-        start = dataclasses.replace(start, theta=inside(learn, start.theta))
-        return ParticleField(start, learn, self.rule, self.step, self.lr)
+        return dataclasses.replace(start, theta=inside(self.learnt, start.theta))
 
     def plan(self) -> list[tuple[str, str, str]]:
         _, gradient = super().plan()

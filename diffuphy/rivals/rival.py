@@ -15,6 +15,7 @@ from diffuphy.learning.verdict import film_field, verdict
 from diffuphy.losses.sds import Weight
 from diffuphy.material.field import harden, take
 from diffuphy.material.preset import Preset
+from diffuphy.material.presets import field as filled
 from diffuphy.material.presets import lookup, melt
 from diffuphy.types import Gaussians, Look, MaterialField, Motion, Particles
 from diffuphy.workspace import Workspace
@@ -64,7 +65,7 @@ class Rival:
         case = Case.make(
             self.probe, self.guidance, self.library, look, motion, gaussians, particles, override=self.override
         )
-        model = self.model(case, table_field(None, look, motion, case.bench.draft, self.override))
+        model = self.model(case, self.begin(table_field(None, look, motion, case.bench.draft, self.override)))
         state = work.load() or {}
         if self.steps:
             descend(self.trained_against(case), model, self.descent(), work, state=state.get("run"))
@@ -77,13 +78,27 @@ class Rival:
         """Elastic and plastic laws that the result may have, and why."""
         raise NotImplementedError
 
-    def model(self, case: Case, told: MaterialField) -> Model:
-        """What is trained.
+    def begin(self, told: MaterialField) -> MaterialField:
+        """The field that training begins with.
 
         Args:
             told: what a user who names one material for the whole object says of the draft particles.
         """
         raise NotImplementedError
+
+    def model(self, case: Case, start: MaterialField) -> Model:
+        """What is trained, from ``begin``."""
+        raise NotImplementedError
+
+    def expected(self, motion: Motion, share: float = 1.0) -> MaterialField:
+        """What a forecast is made with: a row that is as stiff as the stiffest particle after a share of the steps."""
+        given = {name: value for name, value in self.override.items() if value is not None}
+        told = filled(dataclasses.replace(whole(motion), **given), torch.zeros(1, dtype=torch.long))
+        return self.stiffest(self.begin(told), told, share)
+
+    def stiffest(self, start: MaterialField, told: MaterialField, share: float) -> MaterialField:
+        """How stiff a row that begins at ``start`` may be after a share of the steps; what is not learnt stays."""
+        return start
 
     def trained_against(self, case: Case) -> Case:
         """The case as the loop sees it: another loss, or another path of the gradient."""

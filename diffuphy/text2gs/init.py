@@ -134,6 +134,22 @@ class PointECloud:
         return cloud(points, colours if self.coloured else None, self.opacity, sh_degree)
 
 
+def ball(count: int = 3000, radius: float = 0.9, opacity: float = 0.3, **other: Any) -> Ball:
+    """The ``Ball`` of a configuration that another start was configured in before.
+
+    Args:
+        count, radius, opacity: of ``Ball``.
+        other: settings of that start, which presets of whole runs change; they are logged, and change nothing.
+    """
+    _unused(other, "the start is a ball")
+    return Ball(count, radius, opacity)
+
+
+def _unused(settings: dict[str, Any], why: str) -> None:
+    if given := [name for name, value in settings.items() if value is not None]:
+        log.info("fit.init: %s not used: %s", ", ".join(given), why)
+
+
 def point_e(
     prior: CloudSampler, length: float = 2.0, opacity: float = 0.8, coloured: bool = True, **cloud: Any
 ) -> PointECloud:
@@ -143,8 +159,7 @@ def point_e(
         prior, length, opacity, coloured: of ``PointECloud``.
         cloud: settings of other starts, which presets of whole runs change; they are logged, and change nothing.
     """
-    if cloud:
-        log.info("fit.init: %s not used: the prior draws the cloud", ", ".join(cloud))
+    _unused(cloud, "the prior draws the cloud")
     return PointECloud(prior, length, opacity, coloured)
 
 

@@ -8,10 +8,11 @@ import pytest
 import torch
 
 from benchmarks.identify import recover, trained
+from benchmarks.identify.bodies import PROBE
 from benchmarks.identify.newton import least_squares
 from benchmarks.identify.rows import Rows, rate, wilson
 from benchmarks.identify.specimens import SPECIMENS, contrast
-from benchmarks.identify.watch import PROBE, Watch
+from benchmarks.identify.watch import Watch
 from diffuphy.learning.fit_material import FitMaterial
 from diffuphy.material.field import harden
 from diffuphy.material.net import Net
@@ -48,6 +49,15 @@ def test_least_squares_of_a_line_is_exact():
     held = least_squares(lambda q: A @ q - b, at(bound - 1, 0), lo=at(-9, -9), hi=at(bound, 9), tol=1e-9)
     there = torch.linalg.lstsq(A[:, 1:], (b - bound * A[:, 0])[:, None]).solution[0, 0]
     torch.testing.assert_close(held.q, at(bound, float(there)), rtol=0, atol=1e-8)  # on the bound, best along it
+
+
+def test_descents_start_in_every_basin_of_the_scan():
+    """Minima of a grid, the cheapest first: diagonal neighbours count, and what could not be simulated is none."""
+    inf = math.inf
+    assert recover.minima(at(3, 1, 2, inf, 0.5)) == [4, 1]
+    grid = at(5, 4, 4, 9, 2, 8, 1, 8, inf).reshape(3, 3)  # 2 touches the cheaper 1 at its corner
+    assert recover.minima(grid) == [6]
+    assert recover.minima(at(1, 3, 6, 2, 4, 7, 5, 8, inf).reshape(3, 3)) == [0]
 
 
 def test_rows_go_on_where_they_stopped(tmp_path):
@@ -95,6 +105,16 @@ def test_stiffness_is_recovered_from_a_clip_of_the_same_simulation():
     assert RUBBER.right([0.09]) == [True] and RUBBER.right([0.11]) == [False] and RUBBER.right([0.19], 2.0) == [True]
 
 
+def test_halves_beside_each_other_are_left_and_right_in_the_picture():
+    """The camera looks along y, a little from the right: colours and regions change where x does."""
+    watch = Watch.make(3, probe=TINY, split="x")
+    right = watch.bench.draft.x[:, 0] > watch.bench.draft.offset[0]
+    assert torch.equal(watch.labels == 1, right)
+    clip = watch.see(watch.drop(SPECIMENS["halves side by side"], at(5.0, 5.0), 1), "1 camera")[0, 0]
+    blue = clip[..., 2] - clip[..., 0]  # the half of label 0 is red, the other blue
+    assert float(blue[12:20, 10:14].mean()) < 0 < float(blue[12:20, 18:22].mean())
+
+
 def test_one_half_is_ten_times_as_stiff_by_turns():
     specimen = SPECIMENS["two halves"]
     for number, sign in ((0, -1), (1, 1)):
@@ -107,10 +127,9 @@ def test_one_half_is_ten_times_as_stiff_by_turns():
 @pytest.fixture
 def tiny(monkeypatch):
     """The study's benches at a tiny size."""
-    monkeypatch.setattr(recover, "fitting", lambda: Watch.make(0, probe=TINY))
     for module in (trained, recover):
-        monkeypatch.setattr(module, "made_by", lambda reference, seed: Watch.make(seed, probe=TINY))
-    monkeypatch.setattr(trained, "fitting", lambda: Watch.make(0, probe=TINY))
+        monkeypatch.setattr(module, "fitting", lambda s: Watch.make(0, probe=TINY, split=s.seam))
+        monkeypatch.setattr(module, "made_by", lambda s, _, seed: Watch.make(seed, probe=TINY, split=s.seam))
 
 
 def stage(case, **settings):

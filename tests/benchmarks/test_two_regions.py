@@ -19,9 +19,12 @@ def test_the_page_counts_those_that_are_right_in_both_parts():
     part = {"right": 1.0, "error": 0.1, "spread": 0.0}
     half = part | {"right": 0.5}
     way = next(iter(WAYS))
-    rows = [{"way": way, "seed": s, "cpu_seconds": 1.0, "bun": part, "patty": p} for s, p in enumerate((part, half))]
+    rows = [
+        {"way": way, "seed": s, "cpu_seconds": 1.0, "mixed": 0.01, "hardened": 0.1, "bun": part, "patty": p}
+        for s, p in enumerate((part, half))
+    ]
     text = page({"machine": "m", "particles": 1, "image": 1, "steps": 1, "rows": rows})
-    assert f"| {way} | 1 of 2 | 100% | 75% | +0.10, +0.10 | +0.10, +0.10 | 1 |" in text
+    assert f"| {way} | 1 of 2 | 100% | 75% | +0.10, +0.10 | +0.10, +0.10 | 1e-02, 1e-02 | 1e-01, 1e-01 | 1 |" in text
 
 
 def test_the_page_says_how_far_from_the_truth_the_loss_is_lowest():

@@ -109,6 +109,46 @@ def test_ply_frames_hold_the_gaussians_of_each_moment(run: Run, tmp_path: Path, 
     torch.testing.assert_close(covariances(again.quats, again.log_scales.exp()), expected, rtol=1e-4, atol=1e-9)
 
 
+class Stand:
+    """Gaussians around the object [object units], and the ground they stand on."""
+
+    def __init__(self, count: int):
+        g = torch.Generator().manual_seed(1)
+        self.gaussians = Gaussians(
+            3 * torch.randn(count, 3, generator=g), torch.randn(count, 4, generator=g),
+            torch.full((count, 3), -2.0), torch.full((count,), 2.0), torch.randn(count, 1, 3, generator=g),
+        )  # fmt: skip
+
+    def rest(self) -> Gaussians | None:
+        return self.gaussians
+
+    def floor(self) -> float | None:
+        return -1.0
+
+
+def test_what_stands_around_is_in_every_file_of_gaussians_where_the_film_has_it(run: Run, tmp_path: Path) -> None:
+    """x = scale (means − ground), in each .ply beside the object, in the arrays once; ``around=False`` leaves it
+    out."""
+    count = len(run.gaussians)
+    for around, more in ((None, 0), (Stand(40), 40)):
+        scene = dataclasses.replace(run, around=around)
+        (folder,) = write(scene, ["ply"], Options(tmp_path / "out", every=3))["ply"]
+        frames = [ply.read(folder / f"frame_{t:04d}.ply") for t in (0, 3)]
+        assert [len(g) for g in frames] == [count + more] * 2
+        if more:
+            want = R * (Stand(40).gaussians.means + torch.tensor([0.0, 0.0, 1.0]))
+            for g in frames:
+                torch.testing.assert_close(g.means[count:], want, rtol=0, atol=1e-5)
+        (file,) = write(scene, ["npz"], Options(tmp_path / "out"))["npz"]
+        with np.load(file) as arrays:
+            about = json.loads(str(arrays["about"]))["arrays"]
+            assert ("around_means" in arrays) == ("around_means" in about) == bool(more)
+            if more:
+                np.testing.assert_allclose(arrays["around_means"], want, rtol=0, atol=1e-6)
+    (folder,) = write(scene, ["ply"], Options(tmp_path / "alone", every=3, around=False))["ply"]
+    assert len(ply.read(folder / "frame_0003.ply")) == count
+
+
 def test_npz_says_what_is_in_it_and_moves_gaussians_with_numpy_alone(run: Run, tmp_path: Path) -> None:
     """x_g = Σ_k share (x + F arm), Σ = F A Fᵀ: the recipe of the file's own description gives the frames of the
     film."""
@@ -218,6 +258,25 @@ def test_a_page_plays_the_motion(run: Run, tmp_path: Path) -> None:
     (file,) = write(run, ["html"], Options(tmp_path, gaussians=100, page_frames=2))["html"]
     text = file.read_text(encoding="utf-8")
     assert "__VISER_EMBED_DATA__" in text and '<script src="http' not in text and 'href="http' not in text
+
+
+def test_a_page_holds_what_stands_around_once(run: Run, tmp_path: Path) -> None:
+    """Eight words a Gaussian, half precision in part and compressed: at least eight bytes each, however many frames."""
+    pytest.importorskip("viser")
+    sizes = [
+        write(dataclasses.replace(run, around=around), ["html"], Options(tmp_path, gaussians=2000, **more))["html"][0]
+        .stat()
+        .st_size
+        for around, more in (
+            (None, {}),
+            (Stand(4000), {}),
+            (Stand(4000), {"page_frames": 1}),
+            (None, {"page_frames": 1}),
+        )
+    ]
+    plain, whole, whole_still, still = sizes
+    assert whole - plain > 8 * 2000
+    assert abs((whole - plain) - (whole_still - still)) < 0.1 * (whole - plain)
 
 
 @pytest.mark.slow

@@ -101,3 +101,14 @@ def test_a_start_that_cannot_be_simulated_is_an_error_a_step_is_not(caplog):
 def test_settings_that_mean_nothing_are_refused():
     with pytest.raises(ValueError, match="check ≥ 1"):
         Descent(check=0)
+
+
+def test_the_clip_is_blurred_first_and_sharp_in_the_end():
+    """Two low-passes and 12 steps: three parts, the last of twice the length; patience waits for the sharp ones."""
+    settings, seen = Descent(steps=12, blur=(0.2, 0.1), check=2, patience=1), []
+    case = world()
+    distil = case.cond.distil
+    case.cond.distil = lambda drop, take, **given: seen.append(take.blur) or distil(drop, take, **given)
+    run = descend(case, Free(GOAL), settings, Workspace())
+    assert seen == [0.2] * 3 + [0.1] * 3
+    assert run.step == 6 and "less than 1%" in run.why

@@ -8,17 +8,18 @@ from typing import Any
 import pytest
 import torch
 
+from diffuphy.learning import scan as module
 from diffuphy.learning.appearance import appearance
 from diffuphy.learning.descent import descend
 from diffuphy.learning.fit_material import FitMaterial
 from diffuphy.learning.probe import Probe, TableClips
-from diffuphy.learning.scan import region_values
+from diffuphy.learning.scan import region_values, scan
 from diffuphy.losses import sds
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.losses.takes import Take, Takes
 from diffuphy.losses.velocity import Velocity
 from diffuphy.material.net import Net
-from diffuphy.types import Gaussians, Look, Motion, Particles
+from diffuphy.types import Gaussians, Look, Motion, Particles, SimulationDiverged
 from diffuphy.workspace import Workspace
 
 LOOK = Look("ball", "a ball")
@@ -97,6 +98,45 @@ def test_scan_finds_the_stiffness_of_the_reference_within_a_quarter_of_its_grid(
     assert float(field.theta["E"].log10().mean()) == pytest.approx(4.477, abs=1.3 / 4)
 
 
+class Scores(Workspace):
+    """Remembers the scores of a scan."""
+
+    def __init__(self):
+        super().__init__(progress=False)
+        self.seen = []
+
+    def log(self, step, **scalars):
+        self.seen.append(scalars["scan"])
+
+
+def test_hypotheses_of_one_time_step_in_one_launch_score_as_one_by_one(monkeypatch):
+    """Two regions, two laws, two stiffnesses: 16 hypotheses in two launches; where one of a launch cannot be simulated
+    all are, one by one. √L is a distance of clips, so it differs by no more than two clips of one hypothesis are apart:
+    in a launch all take the substeps of the fastest, some 40 a frame, an error of the first order, Δt/T = 1/160 of the
+    most that clips differ."""
+    case = made(stage(elastic=("hencky",), plastic=("identity", "von_mises")), "playdoh")
+    case = dataclasses.replace(case, labels=(case.points.x[:, 2] > 0).long())
+
+    def scores(**batched):
+        watch = Scores()
+        scan(case, (4.0, 5.0), frames=4, weight="x0", work=watch, few=1, **batched)
+        return torch.tensor(watch.seen)
+
+    launches, alone = [], scores()
+    together = module.rollout_batch
+    monkeypatch.setattr(module, "rollout_batch", lambda *a, **k: launches.append(len(a[3])) or together(*a, **k))
+    assert len(alone) == 16
+    far = float(alone.max().sqrt())
+    torch.testing.assert_close(scores(batched=True).sqrt(), alone.sqrt(), rtol=0, atol=far / 160)
+    assert sorted(launches) == [4, 12]
+
+    def torn(*scene, **options):
+        raise SimulationDiverged("particle 3 was turned inside out")
+
+    monkeypatch.setattr(module, "rollout_batch", torn)
+    assert torch.equal(scores(batched=True), alone)
+
+
 def test_training_moves_the_stiffness_towards_the_reference():
     """From a tenth of the truth, and from ten times it, without a scan."""
     from diffuphy.material.presets import lookup
@@ -105,6 +145,21 @@ def test_training_moves_the_stiffness_towards_the_reference():
     for start in (truth - 0.6, truth + 0.6):
         field = run(stage(stiffness_steps=0, start=start, steps=6, lr_region=0.15, stiffness=(3.5, 7.0)))
         assert abs(float(field.theta["E"].log10().mean()) - truth) < 0.9 * 0.6
+
+
+def test_from_a_start_that_is_much_too_soft_only_a_blurred_clip_leads_to_the_reference():
+    """A flat body on the floor and one in the air do not overlap: dL/d(log E) of sharp pictures is positive, towards
+    still softer; through a low-pass of an eighth of the picture it is negative."""
+    case, truth = made(stage()), math.log10(4e5)
+    slope = {}
+    for blur in (0.0, 1 / 8):
+        log_E = torch.tensor(truth - 2.1, requires_grad=True)
+        theta = case.table.theta | {"E": (10**log_E).expand(len(case.table))}
+        drop = case.bench.simulate(dataclasses.replace(case.table, theta=theta))
+        take = dataclasses.replace(Take.whole(4), blur=blur)
+        loss = case.cond.distil(drop, take, t=0.5, generator=torch.Generator().manual_seed(1), weight="x0")
+        (slope[blur],) = torch.autograd.grad(loss, log_E)
+    assert slope[0.0] > 0 > slope[1 / 8]
 
 
 def test_stiffness_and_yield_stress_are_learnt_together():

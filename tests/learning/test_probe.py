@@ -11,6 +11,7 @@ from diffuphy.learning.probe import Probe, TableClips, table_field
 from diffuphy.losses import sds
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.losses.takes import Take
+from diffuphy.mpm import Scheme
 from diffuphy.types import Look, Motion
 from tests.learning.test_fit_material import ball
 
@@ -56,6 +57,25 @@ def test_the_camera_sees_the_object_and_the_floor():
     camera = corners @ bench.camera.viewmats[0].T
     pixels = (camera[:, :3] @ bench.camera.Ks[0].T)[:, :2] / camera[:, 2:3]
     assert bool((camera[:, 2] > 0).all()) and bool(((pixels > 0) & (pixels < PROBE.image)).all())
+
+
+def test_a_wide_view_keeps_a_heap_that_runs_out_of_a_narrow_one():
+    """A cone at the angle of repose of 20° with the volume of a ball of diameter 1: r³ tan φ = ½, radius 1.11."""
+    gaussians, particles = BALL
+    radius = 0.4 * (0.5 / math.tan(math.radians(20))) ** (1 / 3)
+    rim = torch.tensor([[s * radius, 0.0, 0.0, 1.0] for s in (1, -1)])
+
+    def inside(view):
+        camera = dataclasses.replace(PROBE, view=view).bench(gaussians, particles, 0.4).camera
+        seen = (rim @ camera.viewmats[0].T)[:, :3] @ camera.Ks[0].T
+        return (((seen[:, :2] / seen[:, 2:]) - 16).abs() < 16).all(1).tolist()
+
+    assert inside(60.0) == [True, True] and not any(inside(40.0))
+
+
+def test_the_drop_is_simulated_with_the_scheme_of_the_probe():
+    plain = Scheme(sharpen=False, retain=0.0)
+    assert dataclasses.replace(PROBE, scheme=plain).bench(*BALL, 0.4).scene.scheme is plain
 
 
 def test_reference_clips_have_one_row_a_frame_and_a_flat_prior():
@@ -131,3 +151,5 @@ def test_gradient_of_a_film_drawn_frame_by_frame_is_that_of_one_graph_to_the_bit
 def test_impossible_settings_are_refused():
     with pytest.raises(ValueError, match="frames ≥ 2"):
         Probe(frames=1)
+    with pytest.raises(ValueError, match="angle in"):
+        Probe(view=180.0)

@@ -7,7 +7,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from diffuphy.losses.takes import Take, Takes
+from diffuphy.losses.takes import Take, Takes, low_pass
 
 FRAMES = ("all", "consecutive", "strided", "window")
 
@@ -101,3 +101,37 @@ def test_same_generator_same_takes(frames):
 def test_impossible_settings_are_refused(settings, message):
     with pytest.raises(ValueError, match=message):
         Takes(**settings)
+
+
+def blob(row, sigma=1.0, size=48):
+    """A red Gaussian on blue."""
+    q = torch.arange(size, dtype=torch.float64) + 0.5
+    a = torch.exp(-((q[:, None] - row) ** 2 + (q[None] - 24) ** 2) / (2 * sigma**2))[..., None]
+    red, blue = torch.tensor([0.9, 0.2, 0.1], dtype=torch.float64), torch.tensor([0.2, 0.3, 0.8], dtype=torch.float64)
+    return blue + a * (red - blue), blue
+
+
+def test_a_low_pass_widens_a_gaussian_by_its_variance_and_leaves_the_background():
+    """g_σ ∗ g_s = g_√(σ² + s²), of the same sum; s = 1.5 and σ = 3 px are sampled finely: sums err by 1e-4."""
+    picture, b = blob(24.0, 1.5)
+    seen = low_pass(picture, b, 3.0)
+    a, sharp = ((p - b)[..., 0] for p in (seen, picture))
+    q = torch.arange(48, dtype=torch.float64) + 0.5 - 24
+    torch.testing.assert_close(a.sum(), sharp.sum(), rtol=1e-4, atol=0)
+    # cut at c = 3 σ + ½ px = 3.167 σ a Gaussian keeps 1 − 2 c φ(c) / (2 Φ(c) − 1) = 0.983 of its variance
+    assert float((a.sum(1) * q**2).sum() / a.sum()) == pytest.approx(1.5**2 + 0.983 * 9, rel=2e-3)
+    assert torch.allclose(seen[0, 0], b, rtol=0, atol=1e-12)
+
+
+def test_blurred_pictures_of_bodies_far_apart_pull_together_and_sharp_ones_do_not():
+    """½ |g_a − g_b|² of two Gaussians d apart has the slope ∝ d exp(−d²/4s²): e^−36 at d = 12 s, and a third of its
+    greatest with a low-pass of half the distance."""
+    goal, b = blob(12.0)
+
+    def slope(row, blur):
+        at = torch.tensor(row, dtype=torch.float64, requires_grad=True)
+        mine, theirs = (low_pass(p, b, blur) if blur else p for p in (blob(at)[0], goal))
+        return float(torch.autograd.grad(0.5 * (mine - theirs).square().sum(), at)[0])
+
+    assert abs(slope(24.0, 0.0)) < 1e-9 * slope(13.4, 0.0)
+    assert slope(24.0, 6.0) > 0.3 * slope(12.0 + 2**0.5 * (6**2 + 1) ** 0.5, 6.0)

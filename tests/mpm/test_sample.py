@@ -151,6 +151,23 @@ def test_coarse_particles_are_fine_ones_with_all_the_volume():
             coarsen(p, **wrong)
 
 
+def test_kinds_keep_their_volume_and_do_not_mix():
+    """Σ V of each kind is kept to rounding, whatever the lattice; a layer thinner than a cell too; one kind alone
+    changes nothing."""
+    p = MANY(cloud(sphere(3000), 0.04), motion(), work=Workspace())
+    kind = torch.bucketize(p.x[:, 2].contiguous(), torch.tensor([-0.1, 0.02, 0.06]))
+    for seed in range(3):
+        coarse, kept = coarsen(p, n=300, seed=seed, kind=kind)
+        assert 150 < len(coarse) <= 300 and torch.equal(coarse.x, p.x[kept])
+        assert 0.04 < coarse.spacing  # the layer from 0.02 to 0.06
+        want = torch.zeros(4, dtype=torch.float64).index_add_(0, kind, p.vol.double())
+        got = torch.zeros(4, dtype=torch.float64).index_add_(0, kind[kept], coarse.vol.double())
+        torch.testing.assert_close(got, want, rtol=1e-6, atol=0)  # each volume rounded to float32
+    alone, same = coarsen(p, n=300, seed=1, kind=torch.full((len(p),), 7))
+    plain, kept = coarsen(p, n=300, seed=1)
+    assert torch.equal(same, kept) and torch.equal(alone.vol, plain.vol)
+
+
 def test_density_is_the_sum_of_the_gaussians():
     """One turned ellipsoid on a fine lattice: its integral is o (2π)^{3/2} √det Σ, up to the 1 % beyond three
     deviations."""

@@ -185,7 +185,7 @@ def test_straight_through_has_hard_values_and_soft_gradients():
 def test_groups_of_omniphysgs_choose_as_one():
     """Particles nearest to one centre follow the same laws, in training and at the film's particles."""
     rival, c = RIVALS["omniphysgs"], case()
-    model = rival.model(c, c.table)
+    model = rival.model(c, rival.begin(c.table))
     field = model()
     for g in range(8):
         rows = field.w_p[model.group == g]

@@ -8,8 +8,9 @@ from typing import Any
 from diffuphy.mpm.boundary.motion import Schedule, Vec, direction, vector
 from diffuphy.mpm.drive.select import InBall, InBox, Where, as_where
 
-MAX_DRIVES = 31
-"""Drives of a scene: each has a bit in the 32-bit tag of a particle, whose sign is not used."""
+MAX_DRIVES = 30
+"""Drives of a scene: each has a bit in the 32-bit tag of a particle, whose sign is not used and one more of whose bits
+marks what is one piece with held matter."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,8 +159,9 @@ class Drag(_Field):
 class Held(_Timed):
     """Particles that move as a rigid body whatever happens: x(t) = c(t) + R(t) (x₀ − c₀), F ← R F, exactly.
 
-    In a substep they have the velocity v = V + A (x − c) with A = (exp(Δt [ω]×) − 1)/Δt, the chord of their arc, which
-    takes them to the right place; A is their affine velocity C.
+    For all other matter they are a rough wall that moves (``mpm.obstacle``). In a substep they have the velocity
+    v = V + A (x − c) with A = (exp(Δt [ω]×) − 1)/Δt, the chord of their arc, which takes them to the right place; A is
+    their affine velocity C.
     """
 
     center: Vec = (0.0, 0.0, 0.0)
@@ -170,6 +172,9 @@ class Held(_Timed):
     """ω about the centre [rad/s]."""
     schedule: Schedule | None = None
     """Places and turns at given times instead of the two velocities."""
+    attached: bool = True
+    """Whether what is within a cell of them at first is one piece with them, as a stem is with the pot that is held;
+    else it only lies against them and may be lifted off, as what comes later always may."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -199,6 +204,14 @@ class Release(_Drive):
         object.__setattr__(self, "normal", direction("normal", self.normal))
         _positive("speed", self.speed, "m/s")
 
+    @property
+    def attached(self) -> bool:
+        """What is released is one piece with what is not yet."""
+        return True
+
+
+HOLDING = (Held, Release)
+"""Drives that set a velocity; the others accelerate."""
 
 Drive = Impulse | Acceleration | Attractor | Vortex | Drag | Held | Release
 

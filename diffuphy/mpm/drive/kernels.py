@@ -5,11 +5,11 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from diffuphy.mpm.drive.drives import HOLDING
 from diffuphy.mpm.drive.kernels_fields import make_field
 from diffuphy.mpm.drive.layout import N_DRIVE, Signature
 
-HOLDING = ("Held", "Release")
-"""Kinds that set a velocity; the others accelerate."""
+HOLDING_KINDS = tuple(d.__name__ for d in HOLDING)
 
 
 @cache
@@ -21,6 +21,8 @@ def make_drives(signature: Signature, real: type) -> SimpleNamespace:
         pushed(tag, row, s, b_bar, p, out)                         adds b_bar · b of its k-th impulse to out[p, k]
         hold(r, v, C, tag, row, s) → (v, C)                        the later drive rules
         hold_adjoint(r, v, C, tag, row, s, v_bar, C_bar) → (r_bar, v_bar, C_bar)
+        holding(tag, row, s) → bool                                whether one of them holds the particle
+        joined(tag) → bool                                         whether it is one piece with what some of them hold
 
     r is the particle at the beginning of the substep, from the lowest node of the grid [m], ``tag`` its bits from
     ``layout.tags``, ``row`` the data of ``layout.drive_rows`` and s the row of this substep. ``hold`` is for the
@@ -30,9 +32,9 @@ def make_drives(signature: Signature, real: type) -> SimpleNamespace:
     that an impulse is shared by: ``layout.mass_gradient`` makes that of ``pushed``.
     """
     kinds = tuple(kind for kind, _ in signature)
-    n = len(kinds) if "Release" in kinds else 0
+    n = len(kinds) + 1 if "Release" in kinds else 0
     accelerate, accelerate_adjoint = _accelerations(signature, real)
-    hold, hold_adjoint = _holds(kinds, n, real)
+    hold, hold_adjoint, holding = _holds(kinds, n, real)
     drive_t = wp.types.vector(N_DRIVE, real)
     return SimpleNamespace(
         drive_t=drive_t,
@@ -41,10 +43,23 @@ def make_drives(signature: Signature, real: type) -> SimpleNamespace:
         pushed=_pushes(kinds, real),
         hold=hold,
         hold_adjoint=hold_adjoint,
-        accelerates=any(k not in HOLDING for k in kinds),
-        holds=any(k in HOLDING for k in kinds),
+        holding=holding,
+        joined=_joined(len(kinds)),
+        accelerates=any(k not in HOLDING_KINDS for k in kinds),
+        holds=any(k in HOLDING_KINDS for k in kinds),
         impulses=kinds.count("Impulse"),
     )
+
+
+@cache
+def _joined(count: int) -> wp.Function:
+    bit = 1 << count
+
+    @wp.func(module="unique")
+    def joined(tag: wp.int32) -> bool:
+        return (tag & bit) != 0
+
+    return joined
 
 
 @cache
@@ -65,7 +80,7 @@ def _accelerations(signature: Signature, real: type) -> tuple[wp.Function, wp.Fu
 
     before, before_adjoint = _accelerations(signature[:-1], real)
     kind, region = signature[-1]
-    if kind in HOLDING:
+    if kind in HOLDING_KINDS:
         return before, before_adjoint
     last = len(signature) - 1
     bit = 1 << last
@@ -121,7 +136,7 @@ def _pushes(kinds: tuple[str, ...], real: type) -> wp.Function:
 
 
 @cache
-def _holds(kinds: tuple[str, ...], n: int, real: type) -> tuple[wp.Function, wp.Function]:
+def _holds(kinds: tuple[str, ...], n: int, real: type) -> tuple[wp.Function, ...]:
     """The holding drives of a list, the last of them outermost; n bits of a tag come before a time of release."""
     vec3, mat33, drive_t = wp.types.vector(3, real), wp.types.matrix((3, 3), real), wp.types.vector(N_DRIVE, real)
     if not kinds:
@@ -136,11 +151,15 @@ def _holds(kinds: tuple[str, ...], n: int, real: type) -> tuple[wp.Function, wp.
         ):
             return vec3(), v_bar, C_bar
 
-        return nothing, nothing_adjoint
+        @wp.func(module="unique")
+        def nobody(tag: wp.int32, row: wp.array2d[drive_t], s: wp.int32) -> bool:
+            return False
 
-    before, before_adjoint = _holds(kinds[:-1], n, real)
-    if kinds[-1] not in HOLDING:
-        return before, before_adjoint
+        return nothing, nothing_adjoint, nobody
+
+    before, before_adjoint, others = _holds(kinds[:-1], n, real)
+    if kinds[-1] not in HOLDING_KINDS:
+        return before, before_adjoint, others
     last, held = len(kinds) - 1, kinds[-1] == "Held"
     bit = 1 << last
 
@@ -176,4 +195,8 @@ def _holds(kinds: tuple[str, ...], n: int, real: type) -> tuple[wp.Function, wp.
         r_before, v_before, C_before = before_adjoint(r, v, C, tag, row, s, v_bar, C_bar)
         return r_before, v_before, C_before
 
-    return hold, hold_adjoint
+    @wp.func(module="unique")
+    def holding(tag: wp.int32, row: wp.array2d[drive_t], s: wp.int32) -> bool:
+        return holds(tag, row[s, last]) or others(tag, row, s)
+
+    return hold, hold_adjoint, holding

@@ -9,8 +9,9 @@
     Release                 0 time in TICKs
 
 Lengths are from the lowest node of the grid. What acts during a part of a substep acts with that part of its strength,
-so that nothing depends on where substeps begin. In a tag the lowest bits are the drives; if there is a ``Release`` the
-time at which it lets the particle go follows, in TICKs.
+so that nothing depends on where substeps begin. In a tag the lowest bits are the drives. If one of them holds, the next
+bit says whether the particle is one piece with held matter, and if there is a ``Release`` the time at which it lets the
+particle go follows, in TICKs.
 """
 
 import math
@@ -22,6 +23,7 @@ from torch import Tensor
 
 from diffuphy.mpm.boundary.motion import pose, rotation_increment
 from diffuphy.mpm.drive.drives import (
+    HOLDING,
     Acceleration,
     Attractor,
     Drag,
@@ -32,7 +34,7 @@ from diffuphy.mpm.drive.drives import (
     Vortex,
     check_drives,
 )
-from diffuphy.mpm.drive.select import chosen
+from diffuphy.mpm.drive.select import attached, chosen
 from diffuphy.mpm.grid import Grid
 
 Signature = tuple[tuple[str, str], ...]
@@ -53,12 +55,14 @@ def drive_signature(drives: Sequence[Drive]) -> Signature:
     return tuple((type(d).__name__, type(r).__name__ if (r := getattr(d, "region", None)) else "") for d in drives)
 
 
-def tags(drives: Sequence[Drive], x: Tensor, m: Tensor) -> Tensor:
+def tags(drives: Sequence[Drive], x: Tensor, m: Tensor, dx: float, scenes: int = 1) -> Tensor:
     """For each particle the drives that act on it, shape (N,) int32.
 
     Args:
         x: positions at the beginning, shape (N, 3) [m].
         m: masses, shape (N,) [kg].
+        dx: node spacing; what is nearer to held matter is one piece with it [m].
+        scenes: scenes one after the other, which do not touch.
 
     Raises:
         ValueError: a drive that selects no particle, or a release that is too late to be counted.
@@ -67,6 +71,7 @@ def tags(drives: Sequence[Drive], x: Tensor, m: Tensor) -> Tensor:
     x = x.detach()
     out = torch.zeros(len(x), dtype=torch.int64, device=x.device)
     latest = torch.zeros(len(x), dtype=torch.int64, device=x.device)
+    joins = torch.zeros(len(x), dtype=torch.bool, device=x.device)
     for k, d in enumerate(drives):
         mask = chosen(d.where, x)
         if not bool(mask.any()) or not float(m.detach()[mask].sum()) > 0.0:
@@ -74,18 +79,22 @@ def tags(drives: Sequence[Drive], x: Tensor, m: Tensor) -> Tensor:
                 f"drives[{k}], {type(d).__name__}, selects none of the {len(x)} particles: where = {d.where}"
             )
         out |= mask.long() << k
+        joins |= mask & (isinstance(d, HOLDING) and d.attached)
         if isinstance(d, Release):
             ahead = ((x - x.new_tensor(d.point)) @ x.new_tensor(d.normal)).double().clamp_min(0.0)
             ticks = ((d.start + ahead / d.speed) / TICK).ceil().clamp_max(2.0**62).long()
             latest = torch.where(mask, torch.maximum(latest, ticks), latest)
+    if bool(joins.any()):
+        parts = zip(joins.chunk(scenes), x.chunk(scenes), strict=True)
+        out |= torch.cat([attached(each, at, dx) for each, at in parts]).long() << len(drives)
     if any(isinstance(d, Release) for d in drives):
-        bits = min(TICK_BITS, 31 - len(drives))
+        bits = min(TICK_BITS, 30 - len(drives))
         if int(latest.max()) >= 2**bits:
             raise ValueError(
                 f"particle {int(latest.argmax())} would be released after {float(latest.max()) * TICK:.3g} s, with "
                 f"{len(drives)} drives {2**bits * TICK:.3g} s can be counted; move the plane faster or use fewer drives"
             )
-        out |= latest << len(drives)
+        out |= latest << (len(drives) + 1)
     return out.to(torch.int32)
 
 

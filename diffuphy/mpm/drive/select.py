@@ -127,3 +127,21 @@ def chosen(where: Any, x: Tensor) -> Tensor:
     mask = torch.zeros(len(x), dtype=torch.bool, device=x.device)
     mask[torch.tensor(where, device=x.device)] = True
     return mask
+
+
+def attached(held: Tensor, x: Tensor, reach: float) -> Tensor:
+    """Mask of the particles with another one that is held nearer than ``reach``, shape (N,).
+
+    Args:
+        held: mask, shape (N,).
+        x: positions, shape (N, 3) [m].
+        reach: distance [m].
+    """
+    from scipy.spatial import KDTree
+
+    places, mask = x.double().cpu().numpy(), held.cpu().numpy()
+    if not mask.any():
+        return torch.zeros_like(held)
+    apart, _ = KDTree(places[mask]).query(places, k=2, distance_upper_bound=reach)
+    nearest = np.where(mask, apart[:, 1], apart[:, 0])  # of what is held the first is itself
+    return torch.from_numpy(np.isfinite(nearest)).to(held.device)

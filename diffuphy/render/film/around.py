@@ -41,15 +41,24 @@ class Scenery:
 
 
 def with_scenery(skin: Skin, around: Around | None, particles: Particles) -> Skin | Scenery:
-    """``skin``, with what stands around its object if there is anything.
+    """``skin``, with what stands around its object if there is anything; as :func:`scenery` places it."""
+    still = scenery(around, particles)
+    return skin if still is None else Scenery(skin, together(skin.gaussians, still))
+
+
+def scenery(around: Around | None, particles: Particles) -> Gaussians | None:
+    """What stands around the object, in metres, z up; None where there is nothing.
 
     The floor of the simulation, z = 0, is where the object of ``particles`` stood in its scene: what stands around is
     placed as if the lowest particle were there. Where the scene has a ground of its own, that is the floor.
     """
     rest = around.rest() if around is not None else None
-    if rest is None:
-        return skin
-    still = standing(particles, around.floor() if around is not None else None)(rest.to(skin.gaussians.means.device))
+    if around is None or rest is None:
+        return None
+    return standing(particles, around.floor())(rest.to(particles.x.device))
+
+
+def together(*parts: Gaussians) -> Gaussians:
+    """All of some Gaussians, of one degree, on the device and in the precision of the first."""
     names = [f.name for f in dataclasses.fields(Gaussians)]
-    joined = {n: torch.cat([getattr(skin.gaussians, n), getattr(still, n).to(skin.gaussians.means)]) for n in names}
-    return Scenery(skin, Gaussians(**joined))
+    return Gaussians(**{n: torch.cat([getattr(g, n).to(parts[0].means) for g in parts]) for n in names})

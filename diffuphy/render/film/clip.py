@@ -1,9 +1,8 @@
 """The last stage: the film."""
 
-import dataclasses
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import torch
 from torch import Tensor
@@ -24,9 +23,6 @@ from diffuphy.render.raster import Warp
 from diffuphy.render.skin import Skin
 from diffuphy.types import Camera, Clip, Gaussians, MaterialField, Particles, Trajectory
 from diffuphy.workspace import Workspace
-
-if TYPE_CHECKING:
-    from diffuphy.render.film.views import OtherViews
 
 
 @dataclass(frozen=True)
@@ -90,13 +86,6 @@ class Film:
     def matter(self) -> bool:
         """Whether it asks for the material."""
         return wants_matter(self.view)
-
-    @property
-    def others(self) -> "OtherViews":
-        """The component that films ``also``."""
-        from diffuphy.render.film.views import OtherViews
-
-        return OtherViews(dataclasses.replace(self, view="colour", also=()), self.also)
 
     def __call__(
         self,

@@ -40,6 +40,11 @@ class OtherViews:
     names: tuple[str, ...]
     """Views."""
 
+    @classmethod
+    def of(cls, film: Film) -> "OtherViews":
+        """Those that a film asks for besides its own."""
+        return cls(dataclasses.replace(film, view="colour", also=()), film.also)
+
     def __call__(
         self, gaussians: Gaussians, particles: Particles, trajectory: Trajectory, field: MaterialField, *,
         work: Workspace,

@@ -80,7 +80,7 @@ def fly(drives, x, v, starts, dts, *, m=None, C=None, tag=None, real=wp.float64)
     drift, _, drive_t, vec3, mat33 = _kernels(drive_signature(drives), real)
     dts = np.broadcast_to(dts, starts.shape)
     m = torch.ones(len(x), dtype=torch.float64) if m is None else m
-    tag = tags(drives, torch.as_tensor(x), m) if tag is None else tag
+    tag = tags(drives, torch.as_tensor(x), m, 1.0) if tag is None else tag
     states = []
     for first, shape, dtype in ((x, (3,), vec3), (v, (3,), vec3), (C, (3, 3), mat33)):
         a = np.zeros((len(starts) + 1, len(x), *shape))
@@ -119,7 +119,7 @@ def test_an_impulse_has_its_total_whatever_the_substeps(steps):
     """Σ m Δv = J over uneven substeps that cut its ends, in two frames, shared by mass among the selected alone."""
     x, v, m = cloud()
     starts, dts = uneven(0.7, 2 * steps)
-    tag = tags((HIT,), torch.tensor(x), m)
+    tag = tags((HIT,), torch.tensor(x), m, 1.0)
     x1, v1, _ = (a[-1] for a in fly((HIT,), x, v, starts[:steps], dts[:steps], m=m, tag=tag))
     v2 = fly((HIT,), x1, v1, starts[steps:], dts[steps:], m=m, tag=tag)[1][-1]
     total = (m.numpy()[:, None] * (v2 - v)).sum(0)
@@ -280,7 +280,7 @@ def test_adjoints_are_those_of_accelerations_and_holds():
     x, v, m = cloud()
     C, v_bar, C_bar = rng.normal(size=(40, 3, 3)), rng.normal(size=(40, 3)), rng.normal(size=(40, 3, 3))
     dx, dv, dC = rng.normal(size=x.shape), rng.normal(size=v.shape), rng.normal(size=C.shape)
-    tag = tags(ALL, torch.tensor(x), m)
+    tag = tags(ALL, torch.tensor(x), m, 1.0)
     row = drive_rows(ALL, GRID, np.array([0.2]), 1e-2, m, tag)
     *_, r_b, v_b, r_h, v_h, C_h = evaluate(x, v, C, v_bar, C_bar, tag, row)
     h = 1e-5
@@ -304,7 +304,7 @@ def test_the_speed_bound_holds_and_is_not_wasteful(k):
     drives = tuple(some if k is None else some[k : k + 1])
     m = torch.full((40,), 0.1, dtype=torch.float64)
     x, v, _ = cloud()
-    tag = tags(drives, torch.tensor(x), m)
+    tag = tags(drives, torch.tensor(x), m, 1.0)
     for v0 in (v, np.zeros_like(v)):
         xs, vs, _ = fly(drives, x, v0, 1e-3 * np.arange(300), 1e-3, m=m, tag=tag)
         bound = speed_bound(drives, m, tag, xs.min((0, 1)), xs.max((0, 1)), 0.0, 0.3)

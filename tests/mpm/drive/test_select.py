@@ -42,35 +42,38 @@ def test_tags_are_the_bits_of_the_selections():
         (np.flatnonzero(mask.numpy()), mask),
         (None, torch.ones(125, dtype=torch.bool)),
     ]
-    got = tags([Acceleration(acceleration=B, where=w) for w, _ in regions], X, M)
+    got = tags([Acceleration(acceleration=B, where=w) for w, _ in regions], X, M, 1.0)
     assert got.dtype == torch.int32
     for k, (_, want) in enumerate(regions):
         assert torch.equal(got >> k & 1 == 1, want), k
 
 
 def test_times_of_release_follow_the_bits_and_the_last_one_counts():
-    """Above the bits of n drives: ⌈t_p/TICK⌉, the later of two planes."""
+    """Above the bits of n drives and that of what is one piece with them: ⌈t_p/TICK⌉, the later of two planes."""
     drives = [
         Acceleration(acceleration=B),
         Release(point=(-1, 0, 0), normal=(1, 0, 0), speed=3.0, start=0.5),
         Release(point=(0, 0, 0), normal=(0, 0, 1), speed=0.7, where=InBox(low=(0, 0, 0), high=(1, 1, 1))),
     ]
-    got = tags(drives, X, M)
+    got = tags(drives, X, M, 1.0)
     first = 0.5 + (X[:, 0] + 1) / 3
     second = torch.where((X >= 0).all(1), X[:, 2] / 0.7, 0.0)
-    assert torch.equal(got >> 3, (torch.maximum(first, second) / TICK).ceil().int())
+    assert torch.equal(got >> 4, (torch.maximum(first, second) / TICK).ceil().int())
 
 
 @pytest.mark.parametrize(
     "make, message",
     [
-        (lambda: tags([Acceleration(acceleration=B, where=(0, 125))], X, M), "names particle 125, there are 125"),
+        (lambda: tags([Acceleration(acceleration=B, where=(0, 125))], X, M, 1.0), "names particle 125, there are 125"),
         (
-            lambda: tags([Impulse(impulse=B, where=InBall(center=(9, 9, 9), radius=1.0))], X, M),
+            lambda: tags([Impulse(impulse=B, where=InBall(center=(9, 9, 9), radius=1.0))], X, M, 1.0),
             r"drives\[0\], Impulse,",
         ),
-        (lambda: tags([Release(point=(-1, 0, 0), normal=B, speed=1e-4)], X, M), "particle 100 would be released after"),
-        (lambda: tags([Acceleration(acceleration=B)] * 32, X, M), "at most 31 drives, got 32"),
+        (
+            lambda: tags([Release(point=(-1, 0, 0), normal=B, speed=1e-4)], X, M, 1.0),
+            "particle 100 would be released after",
+        ),
+        (lambda: tags([Acceleration(acceleration=B)] * 31, X, M, 1.0), "at most 30 drives, got 31"),
         (lambda: Scene(drives=(B,)), r"drives\[0\] must be one of"),
         (lambda: Acceleration(acceleration=B, where=torch.zeros(5)), "a mask or indices of shape"),
         (lambda: Acceleration(acceleration=B, where=torch.zeros(5, dtype=torch.bool)), "at least one particle"),
@@ -97,3 +100,17 @@ def test_times_of_release_follow_the_bits_and_the_last_one_counts():
 def test_drives_that_cannot_be_are_refused(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+def test_what_is_one_piece_with_held_matter_lies_within_a_cell_of_it():
+    """The bit above those of n drives: some other particle within dx that a drive holds, of the same scene; not of what
+    is held without being attached."""
+    line = torch.stack([torch.arange(8.0), torch.zeros(8), torch.zeros(8)], 1)
+    m = torch.ones(8)
+    drives = [Acceleration(acceleration=B), Held(where=(2, 3)), Held(where=(7,), attached=False)]
+    assert (tags(drives, line, m, 1.1) >> 3 & 1).tolist() == [0, 1, 1, 1, 1, 0, 0, 0]
+    assert (tags(drives, line, m, 0.9) >> 3 & 1).sum() == 0
+    alone = [Held(where=(2,))]  # it is no neighbour of its own
+    assert (tags(alone, line, m, 1.1) >> 1 & 1).tolist() == [0, 1, 0, 1, 0, 0, 0, 0]
+    # a second scene at the same place, in which nothing is held
+    assert (tags(alone, line.repeat(2, 1), m.repeat(2), 1.1, 2) >> 1 & 1).sum() == 2

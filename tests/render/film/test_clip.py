@@ -12,6 +12,7 @@ from diffuphy.render.film.brush import normals
 from diffuphy.render.film.paths import path
 from diffuphy.render.film.rigs import Resting, Turntable
 from diffuphy.render.film.video import playback, straight
+from diffuphy.render.film.views import OtherViews
 from diffuphy.render.kinematics import limit_stretch
 from diffuphy.types import Camera, Clip, Gaussians, Particles, Trajectory
 from diffuphy.workspace import Workspace
@@ -274,7 +275,8 @@ def test_nothing_of_a_view_is_computed_when_none_is_asked_for(monkeypatch) -> No
 
 def test_further_views_are_films_of_their_own() -> None:
     """Those named, with the camera and the speed of the film, in 8 bit."""
-    made = Film(**SMALL, also=("J", "velocity"), slow=2.0).others(*falling_ball(), None, work=Workspace(progress=False))
+    others = OtherViews.of(Film(**SMALL, also=("J", "velocity"), slow=2.0))
+    made = others(*falling_ball(), None, work=Workspace(progress=False))
     assert list(made.rgb) == ["J", "velocity"] and made.slow == 2.0
     assert made.clip("J").rgb.shape == (5, 64, 96, 3)
     alone = film(view="velocity")
