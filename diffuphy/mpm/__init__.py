@@ -26,7 +26,8 @@ from diffuphy.mpm.engine.solver import Solver, backward_bytes
 from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.report import FrameReport
 from diffuphy.mpm.rollout import rollout, simulate
-from diffuphy.mpm.sampling.sample import Sample, coarsen
+from diffuphy.mpm.sampling.coarse import coarsen
+from diffuphy.mpm.sampling.sample import Sample
 from diffuphy.mpm.scene import SCENES, Scene, scene_for
 from diffuphy.mpm.scheme import Scheme
 from diffuphy.mpm.span import Span
