@@ -3,6 +3,7 @@
 import diffuphy.compiling  # noqa: F401, sets Warp up before it starts
 from diffuphy.mpm.batch import rollout_batch
 from diffuphy.mpm.boundary import Boundary, Box, Cylinder, HalfSpace, Mesh, Schedule, Sphere, container
+from diffuphy.mpm.coarse import coarsen
 from diffuphy.mpm.controls import Controls
 from diffuphy.mpm.diagnostics import Balance, Diagnostics
 from diffuphy.mpm.drive import (
@@ -21,7 +22,7 @@ from diffuphy.mpm.drive import (
 from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.report import FrameReport
 from diffuphy.mpm.rollout import rollout, simulate
-from diffuphy.mpm.sample import Sample, coarsen
+from diffuphy.mpm.sample import Sample
 from diffuphy.mpm.scene import SCENES, Scene, scene_for
 from diffuphy.mpm.scheme import Scheme
 from diffuphy.mpm.solver import Solver, backward_bytes

@@ -1,7 +1,6 @@
 """From Gaussians to particles: what is opaque and hangs together becomes matter of known volume, one particle a
 lattice cell."""
 
-import dataclasses
 import logging
 import math
 from dataclasses import dataclass, field
@@ -222,66 +221,3 @@ class Sample:
         carried[has] = index[last[has]]
         points[has] = x[carried[has]]
         return points, carried
-
-
-def coarsen(
-    particles: Particles,
-    *,
-    spacing: float | None = None,
-    n: int | None = None,
-    seed: int = 0,
-    kind: Tensor | None = None,
-) -> tuple[Particles, Tensor]:
-    """Fewer, larger particles of the same body: one for each cell of a coarse lattice, with the volume of all in it.
-
-        V_c = Σ_{p ∈ c} V_p,   hence  Σ_{c of kind k} V_c = Σ_{p of kind k} V_p
-
-    The one nearest to the centre of volume of its cell is kept, so that every coarse particle is one of the fine ones.
-    A cell that holds several kinds gives one particle of each: kinds keep their volumes whatever the lattice, where a
-    layer two cells thick would otherwise gain or lose a third of it by the phase.
-
-    Args:
-        spacing: side of the coarse lattice [m].
-        n: or at most so many particles; the finest lattice that gives them is sought.
-        seed: of the lattice's phase.
-        kind: what does not mix, such as the region of each fine particle, shape (N,), int64; None: all are alike.
-
-    Returns:
-        The coarse particles, and the index of each among the fine ones, shape (n,), int64, ascending.
-
-    Raises:
-        ValueError: unless exactly one of ``spacing`` and ``n`` is given, and positive.
-    """
-    if (spacing is None) == (n is None) or not (spacing or n or 0) > 0:
-        raise ValueError(f"give either a positive spacing or a positive n, got spacing = {spacing}, n = {n}")
-    x, vol = particles.x.detach().cpu().double(), particles.vol.detach().cpu().double()
-    phase = torch.rand(3, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
-    kinds = None if kind is None else kind.detach().cpu().long()[:, None]
-
-    def bins(h: float) -> tuple[Tensor, int]:
-        cell = ((x - x.amin(0)) / h + phase).floor().long()
-        cell = cell if kinds is None else torch.cat([cell, kinds], 1)
-        names, which = torch.unique(cell, dim=0, return_inverse=True)
-        return which, len(names)
-
-    h = spacing or (float(vol.sum()) / n) ** (1 / 3)  # type: ignore[operator]
-    which, count = bins(h)
-    while n is not None and count > n:
-        h *= max(1.01, (count / n) ** (1 / 3))
-        which, count = bins(h)
-    total = torch.zeros(count, dtype=torch.float64).index_add_(0, which, vol)
-    center = torch.zeros(count, 3, dtype=torch.float64).index_add_(0, which, vol[:, None] * x) / total[:, None]
-    far = ((x - center[which]) ** 2).sum(1)
-    order = torch.argsort(far, descending=True, stable=True)
-    kept = torch.full((count,), -1).scatter_reduce(0, which[order], torch.arange(len(x)), "amax")
-    kept = order[kept]
-    kept, by = kept.sort()
-    device = particles.x.device
-    coarse = dataclasses.replace(
-        particles,
-        x=particles.x[kept.to(device)],
-        vol=total[by].to(particles.vol),
-        gaussian=particles.gaussian[kept.to(device)],
-        spacing=(float(total.sum()) / count) ** (1 / 3),
-    )
-    return coarse, kept.to(device)

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from diffuphy.mpm.fill import Lattice, density, outside, pieces
-from diffuphy.mpm.sample import Sample, coarsen
+from diffuphy.mpm.sample import Sample
 from diffuphy.types import Gaussians, Motion
 from diffuphy.workspace import Workspace
 
@@ -132,40 +132,6 @@ def test_huge_and_tiny_gaussians_cannot_hang_it():
     log_scales[:5], log_scales[5:10] = 10.0, -50.0
     p = MANY(dataclasses.replace(g, log_scales=log_scales), motion(), work=Workspace())
     assert bool(torch.isfinite(p.x).all()) and float(p.x.norm(dim=1).max()) < 2.0
-
-
-def test_coarse_particles_are_fine_ones_with_all_the_volume():
-    """Σ V is kept, every coarse particle is one of the fine, the centre of volume moves by less than a coarse cell's
-    noise."""
-    p = MANY(cloud(sphere(3000), 0.04), motion(), work=Workspace())
-    coarse, kept = coarsen(p, n=800, seed=3)
-    assert 500 < len(coarse) <= 800
-    assert torch.equal(coarse.x, p.x[kept]) and torch.equal(coarse.gaussian, p.gaussian[kept])
-    assert float(coarse.vol.double().sum()) == pytest.approx(float(p.vol.double().sum()), rel=1e-6)
-    middle = [(q.vol[:, None] * q.x).sum(0) / q.vol.sum() for q in (p, coarse)]
-    assert float((middle[1] - middle[0]).norm()) < coarse.spacing / math.sqrt(len(coarse)) * 3
-    again, same = coarsen(p, n=800, seed=3)
-    assert torch.equal(kept, same) and torch.equal(again.vol, coarse.vol)
-    for wrong in (dict(), dict(n=0), dict(spacing=-1.0), dict(n=10, spacing=0.1)):
-        with pytest.raises(ValueError):
-            coarsen(p, **wrong)
-
-
-def test_kinds_keep_their_volume_and_do_not_mix():
-    """Σ V of each kind is kept to rounding, whatever the lattice; a layer thinner than a cell too; one kind alone
-    changes nothing."""
-    p = MANY(cloud(sphere(3000), 0.04), motion(), work=Workspace())
-    kind = torch.bucketize(p.x[:, 2].contiguous(), torch.tensor([-0.1, 0.02, 0.06]))
-    for seed in range(3):
-        coarse, kept = coarsen(p, n=300, seed=seed, kind=kind)
-        assert 150 < len(coarse) <= 300 and torch.equal(coarse.x, p.x[kept])
-        assert 0.04 < coarse.spacing  # the layer from 0.02 to 0.06
-        want = torch.zeros(4, dtype=torch.float64).index_add_(0, kind, p.vol.double())
-        got = torch.zeros(4, dtype=torch.float64).index_add_(0, kind[kept], coarse.vol.double())
-        torch.testing.assert_close(got, want, rtol=1e-6, atol=0)  # each volume rounded to float32
-    alone, same = coarsen(p, n=300, seed=1, kind=torch.full((len(p),), 7))
-    plain, kept = coarsen(p, n=300, seed=1)
-    assert torch.equal(same, kept) and torch.equal(alone.vol, plain.vol)
 
 
 def test_density_is_the_sum_of_the_gaussians():
