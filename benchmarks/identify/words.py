@@ -37,8 +37,9 @@ Where it fails, and why:
   goes into E.
 - *Two halves, the softer one below*: the stiff half above hardly deforms, and what the clip shows best is the
   compliance of both together, 1/E + 1/E′; along it the error of the discretisation moves the fit to a smaller
-  contrast. The same body thrown on its other side is the row of the softer upper half, and two halves that both meet
-  the floor are found: what is to be told apart has to be squeezed.
+  contrast. The same body thrown on its other side is the row of the softer upper half. Side by side both meet the
+  floor, both are seen [equally well](#what-can-be-told-at-all), the stiff one three times better than on top, and both
+  are found: what is to be told apart has to be squeezed.
 - *Training alone from too soft a start*: E hardly moves for many steps, and the training ends by its patience or runs
   out of steps. From too stiff a start it came down in every run so far. The scan is there for this.
 """
@@ -81,10 +82,12 @@ resolutions against the same reference of 12 000 particles. The scheme is that o
 back most of a cell above the floor; an *elastic* wall (`material.probe.scheme.contact=elastic`, the contact that films
 are made with) lets it touch first.
 
-For sand the scheme itself counts. Sharpening and retention keep elastic waves alive that a grid would damp; in a flow
-of grains what they keep alive is the noise between one grain and the next, and it works against the flow, the more the
-coarser the grid. Neither (`material.probe.scheme.sharpen=false material.probe.scheme.retain=0`) is how sand is dropped
-on this page, and with an angle of view of 60° (`material.probe.view=60`): of 40° the heap runs out of the picture.
+For sand the scheme itself counts: its two additions have to go together, one alone brings little. Sharpening multiplies
+what is rough in an acceleration, by a wall that separates the pressure too ([boundaries](../boundaries.md)): a coarse
+heap flows more slowly. Retention keeps velocities that neighbours do not share: waves in an elastic body, noise in a
+flow of grains. Both errors fall with the grid, and so does what is left without them.
+Neither (`material.probe.scheme.sharpen=false material.probe.scheme.retain=0`) is how sand is dropped on this page, and
+with an angle of view of 60° (`material.probe.view=60`): of 40° the heap runs out of the picture.
 
 """
 
