@@ -1,7 +1,7 @@
 """The material point method: particles, walls, grid, time; and its adjoint.
 
-``sampling`` makes particles, ``boundary`` and ``drive`` are what acts on them, ``substep`` holds the kernels, ``engine``
-runs them. A ``Scene`` says what there is, ``rollout`` plays it.
+``sampling`` makes particles, ``boundary`` and ``drive`` are what acts on them, ``substep`` holds the kernels,
+``engine`` runs them. A ``Scene`` says what there is, ``rollout`` plays it.
 """
 
 import diffuphy.compiling  # noqa: F401, sets Warp up before it starts
