@@ -15,7 +15,7 @@ from diffuphy.losses.velocity import Velocity
 from diffuphy.material.net import Net
 from diffuphy.material.stated import Piece, StatedMaterial
 from diffuphy.mpm import HalfSpace, Scheme
-from diffuphy.mpm.sample import Sample
+from diffuphy.mpm.sampling.sample import Sample
 from diffuphy.mpm.stated import Stated
 from diffuphy.mpm.trajectory import Simulate
 from diffuphy.plan import cost_lines, make_plan, predicted, pruned_lines, stage_lines
