@@ -41,7 +41,7 @@ log = logging.getLogger(__name__)
 class FitMaterial:
     """Settings of the material stage."""
 
-    VERSION: ClassVar[int] = 6
+    VERSION: ClassVar[int] = 7
 
     guidance: Any
     """Video prior (``losses.guidance``); the analytic one is given the probe's reference clips."""
