@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from diffuphy.mpm import Scene, simulate
-from diffuphy.mpm.clock import Clock
+from diffuphy.mpm.engine.clock import Clock
 from tests.mpm.bodies import block, field
 
 DX = 0.1
