@@ -37,8 +37,9 @@ Where it fails, and why:
 - *E of what yields*: the clip shows the yield stress seven times as well as E, and the same errors go into E. State E.
 - *Two halves, the softer one below*: the stiff half above hardly deforms, and what the clip shows best is the
   compliance of both together, 1/E + 1/E′; along it the error of the discretisation moves the fit to a smaller
-  contrast. The same body thrown on its other side is the row of the softer upper half. Side by side both meet the
-  floor, both are seen [equally well](#what-can-be-told-at-all), the stiff one three times better than on top, and both
+  contrast; it [falls with the grid](#what-discretisation-does), and 4000 particles are enough for twice the tolerance.
+  The same body thrown on its other side is the row of the softer upper half. Side by side both meet the floor, both are
+  seen [equally well](#what-can-be-told-at-all), the stiff one three times better than on top, and both
   are found: what is to be told apart has to be squeezed.
 - *Training alone from too soft a start* went down to the softest material that is allowed while every step saw sharp
   pictures; it now sees [blurred ones first](../learning.md#a-start-that-is-too-soft), and comes up.
