@@ -139,7 +139,7 @@ def biases(out: Path) -> Rows:
     """Where a fit ends that starts at the truth, by resolution and scheme: what discretisation does to an estimate."""
     rows = Rows(out / "identify_resolution.json", ("specimen", "particles", "scheme", "seed"))
     for seed in (1, 2):
-        for name in ("rubber", "plasticine", "sand", "honey", "halves side by side"):
+        for name in ("rubber", "plasticine", "sand", "honey", "two halves", "halves side by side"):
             for particles, scheme in (*RESOLUTIONS, *(GRAINY if name == "sand" else ())):
                 key = {"specimen": name, "particles": particles, "scheme": scheme, "seed": seed}
                 if not rows.has(**key):

@@ -87,7 +87,7 @@ def material(components: Mapping[str, Any], motion: Motion, body: Body) -> Count
 def trajectory(components: Mapping[str, Any], motion: Motion, body: Body) -> Counted:
     """One rollout with every particle."""
     play = components["trajectory"]
-    scene = play.scene(motion, Spaced(body.spacing(body.particles)))
+    scene = play.scene(motion, Spaced(min(body.spacing(body.particles), coarsest(play))))
     matter = Matter.of_film(components["material"], motion, body)
     steps, laws, nodes = rounds(scene, matter.wave, body.size / 2), matter.laws, rollouts.block(body.extent, scene.dx)
     work = rollouts.forward(body.particles, steps, scene.frames, nodes, laws, play.scheme, double=play.double)
@@ -100,6 +100,13 @@ def trajectory(components: Mapping[str, Any], motion: Motion, body: Body) -> Cou
     held = body.particles * (2 * rollouts.row_bytes(laws, play.double) + rollouts.matter_bytes(laws, play.double))
     sizes = {"state": held + nodes * rollouts.node_bytes(play.scheme, play.double), "shot": shots}
     return Counted(work, sizes, work, MAX_THREADS if threads else 1)
+
+
+def coarsest(play: Any) -> float:
+    """Largest distance of particles with which a run is played [m]: cells thicker than a third of a wall are refused
+    once there are particles; before, their volume is only guessed, and no reason to refuse."""
+    thinnest = min((wall.thickness for wall in getattr(play, "boundaries", ())), default=math.inf)
+    return (1.0 - 1e-9) * thinnest / 3.0 / play.particles_per_cell ** (1 / 3)
 
 
 def clip(components: Mapping[str, Any], motion: Motion, body: Body) -> Counted:

@@ -105,8 +105,7 @@ class Run:
     def moved(self, t: int) -> tuple[Tensor, Tensor]:
         """Centres (G, 3) [m] and deformations (G, 3, 3), no longer than ``STRETCH``, of the Gaussians of ``skin`` in
         frame ``t``."""
-        means, F = self.skin(self.trajectory.x[t], self.trajectory.F[t])
-        return means, limit_stretch(F, STRETCH)
+        return self.skin(self.trajectory.x[t], limit_stretch(self.trajectory.F[t], STRETCH))
 
     @cached_property
     def still(self) -> Gaussians | None:

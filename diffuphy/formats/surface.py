@@ -19,6 +19,7 @@ from torch import Tensor
 
 from diffuphy.formats.options import Options
 from diffuphy.formats.run import Run
+from diffuphy.geometry import volume_ratio
 from diffuphy.render.sh import to_rgb
 
 BLUR = 1.0
@@ -86,10 +87,11 @@ def surface(run: Run, t: int, resolution: int) -> Mesh:
     """The surface of frame ``t`` on a grid of ``resolution`` cells along the longest side of the object at rest."""
     from scipy.spatial import KDTree
 
-    particles, x = run.particles, run.trajectory.x[t]
+    particles, film = run.particles, run.trajectory
+    x, Fe = film.x[t], film.Fe
     rest = particles.x
     cell = float((rest.amax(0) - rest.amin(0)).amax()) / resolution
-    volume = particles.vol * torch.linalg.det(run.trajectory.F[t])
+    volume = particles.vol * volume_ratio(film.F[t], None if Fe is None else Fe[t]).to(particles.vol)
     vertices, faces = level(x, volume, cell, max(BLUR * particles.spacing, cell))
     means, _ = run.moved(t)
     count = min(NEAREST, len(means))

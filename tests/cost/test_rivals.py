@@ -19,7 +19,9 @@ from diffuphy.material import wave_speed
 from diffuphy.material.labelled import LabelledMaterial
 from diffuphy.material.presets import lookup
 from diffuphy.material.stated import Piece, StatedMaterial
+from diffuphy.mpm.boundary import Box
 from diffuphy.mpm.engine.solver import Solver
+from diffuphy.mpm.stated import Stated
 from diffuphy.plan import make_plan
 from diffuphy.rivals.ablations import LAW, OneLaw
 from diffuphy.rivals.physgaussian import PhysGaussian
@@ -52,6 +54,19 @@ LEARN = {name: rival for name, rival in RIVALS.items() if hasattr(rival, "steps"
 
 def planned(material):
     return make_plan(components() | {"material": material}, DROP).components
+
+
+def test_a_thin_wall_is_not_refused_for_a_volume_that_is_only_guessed():
+    """A plate of 3½ cells of the asked resolution, of an object that the guess takes for solid: the forecast is of a
+    run in which the plate is thick enough."""
+    thickness = 3.5 * DROP.motion.size / 40
+    plate = Box(center=(0.0, 0.0, 0.0), size=(1.0, 1.0, thickness))
+    own = components() | {"trajectory": Stated(boundaries=(plate,)), "material": GIVEN["stated"]}
+    own["particles"] = dataclasses.replace(own["particles"], cells=40, max_particles=1000)
+    found = make_plan(own, DROP).components
+    guess = body(found, DROP)
+    assert guess.spacing(guess.particles) * 2 > thickness / 3, "the guess is too coarse for the plate"
+    assert predict(found, DROP)
 
 
 @pytest.mark.parametrize("name", [*GIVEN, *RIVALS])

@@ -15,7 +15,7 @@ import torch
 from diffuphy.export import main
 from diffuphy.formats import FORMATS, Options, Run, check, write
 from diffuphy.formats.page import thinned
-from diffuphy.formats.run import absorbed, said
+from diffuphy.formats.run import STRETCH, absorbed, said
 from diffuphy.formats.splats import find
 from diffuphy.formats.surface import density, level, surface
 from diffuphy.geometry import covariances
@@ -249,6 +249,21 @@ def test_meshes_are_read_by_trimesh(run: Run, tmp_path: Path, kind: str) -> None
     up = 1 if kind == "glb" else 2
     assert mesh.bounds.mean(0)[up] == pytest.approx(0.5, abs=0.02)
     assert np.abs(mesh.visual.vertex_colors[:, :3].mean(0) - [229.5, 25.5, 25.5]).max() < 2
+
+
+def test_matter_that_shears_without_bound_stays_where_it_is(run: Run, tmp_path: Path) -> None:
+    """F of what has flowed for long is large and det F of it is noise: Gaussians stay within ``STRETCH`` times their
+    distance from their particle, and the surface encloses the volume that the elastic part has."""
+    film = run.trajectory
+    shear = torch.eye(3) + torch.tensor([[0.0, 3e6, 7e5], [0.0, 0.0, 4e6], [2e6, 0.0, 0.0]])
+    here, elastic = film.x[:1].repeat(FRAMES, 1, 1), torch.eye(3).repeat(*film.F.shape[:2], 1, 1)
+    (tmp_path / "flow").mkdir()
+    dataclasses.replace(film, x=here, F=shear.repeat(*film.F.shape[:2], 1, 1), Fe=elastic).save(tmp_path / "flow")
+    flowed = dataclasses.replace(run, results=run.results | {"trajectory": tmp_path / "flow"})
+    home = here[0][run.skin.index[:, 0]]
+    now, rest = ((r.moved(t)[0] - home).norm(dim=1) for r, t in ((flowed, 3), (run, 0)))
+    assert bool((now <= STRETCH * rest + 1e-6).all())
+    torch.testing.assert_close(surface(flowed, 3, 24).vertices, surface(run, 0, 24).vertices)
 
 
 def test_matter_that_came_apart_has_no_surface() -> None:
