@@ -23,9 +23,9 @@ import warp as wp
 from warp.geometry import IsoSurfaceMarchingCubes
 
 from diffuphy.losses.guidance.analytic import Analytic
-from diffuphy.mpm.fill import outside
-from diffuphy.mpm.filling import Rays
-from diffuphy.mpm.sample import Sample
+from diffuphy.mpm.sampling.fill import outside
+from diffuphy.mpm.sampling.filling import Rays
+from diffuphy.mpm.sampling.sample import Sample
 from diffuphy.text2gs.cameras import Orbits
 from diffuphy.text2gs.fit import FitGaussians
 from diffuphy.text2gs.shapes import Library

@@ -167,7 +167,7 @@ stand-ins, drawn and covered with Gaussians (`benchmarks/_originals.py`); the sc
 `tests/physgaussian/published`: ficus, wolf and pillow as PhysGaussian publishes them, jam and can as its README there
 says. `python -m benchmarks.physgaussian` makes this page.
 
-{machine}; one process.
+{machine}; one process, seconds by the wall clock, beside whatever else the machine does.
 
 | scene | particles | film [s] | simulation [s] | pictures [s] | what the motion shows |
 |---|---|---|---|---|---|

@@ -32,7 +32,8 @@ from diffuphy.material import presets
 from diffuphy.material.encoder import N_FEATURES, Block, Encoder
 from diffuphy.material.expert import Param
 from diffuphy.material.net import Net
-from diffuphy.mpm.sample import Sample, coarsen
+from diffuphy.mpm.sampling.coarse import coarsen
+from diffuphy.mpm.sampling.sample import Sample
 from diffuphy.text2gs.shapes import RECIPES, Library
 from diffuphy.types import Gaussians, Look, Motion, Particles
 from diffuphy.workspace import Workspace

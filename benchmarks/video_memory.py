@@ -33,7 +33,7 @@ from diffuphy.losses.guidance.modelscope import ModelScope
 from diffuphy.losses.sds import sds
 from diffuphy.losses.takes import Take
 from diffuphy.losses.video import video_sds
-from diffuphy.mpm.sample import Sample
+from diffuphy.mpm.sampling.sample import Sample
 from diffuphy.types import Motion
 from diffuphy.workspace import Workspace
 

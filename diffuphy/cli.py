@@ -56,7 +56,7 @@ def conclusion(
     """The last words of a run: where the results are, how wrong and how good the film is, what each stage took, how to
     go on."""
     seconds = ", ".join(f"{d.name} {'cached' if d.cached else f'{d.seconds:.1f}'}" for d in done)
-    command = " ".join(["python", "train.py", *map(typed, overrides)])
+    command = " ".join([program(), *map(typed, overrides)])
     lines = [f"{kind:<10}{os.path.relpath(path)}" for kind, path in files.items()]
     lines += [f"{'error':<10}{error}"] if error else []
     lines += [f"{'scores':<10}{scores}"] if scores else []
@@ -64,6 +64,14 @@ def conclusion(
     if not any(o.startswith("experiment=") for o in overrides):
         lines.append(f"{'finer':<10}{command} experiment=quality")
     return "\n" + "\n".join(lines)
+
+
+def program() -> str:
+    """How this program was called, as one types it: the script, the module, or the installed command."""
+    called = Path(sys.argv[0])
+    if called.parts[-2:] == ("diffuphy", "__main__.py"):
+        return "python -m diffuphy"
+    return "diffuphy" if called.name == "diffuphy" else "python train.py"
 
 
 def typed(override: str) -> str:

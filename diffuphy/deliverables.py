@@ -52,7 +52,7 @@ def export(
         write_ply(files["gaussians"], gaussians)
     if "clip" not in at:
         return files
-    run = Run(at, title, around=plan.components["clip"].around)
+    run = Run(at, title, around=getattr(plan.components["clip"], "around", None))
     clip = run.clip
     for name, paths in write(run, outputs, Options(run_dir)).items():
         kind = "film" if name == FILM else name

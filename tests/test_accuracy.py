@@ -9,7 +9,7 @@ from diffuphy.accuracy import BEYOND, CURVES, FAMILIES, FEWEST, Curve, Unreachab
 from diffuphy.learning.fit_material import FitMaterial
 from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.material.presets import PRESETS
-from diffuphy.mpm.sample import Sample
+from diffuphy.mpm.sampling.sample import Sample
 from diffuphy.mpm.trajectory import Simulate
 from diffuphy.plan import make_plan
 from diffuphy.render.film.clip import Film

@@ -363,6 +363,20 @@ def test_slug_of_several_texts_forgets_empty_ones():
     assert slug("a ball", "") == slug("a ball") != slug("a ball", "seed=1")
 
 
+@pytest.mark.parametrize(
+    ("called", "typed"),
+    [
+        ("train.py", "python train.py"),
+        ("/somewhere/diffuphy/__main__.py", "python -m diffuphy"),
+        ("/somewhere/bin/diffuphy", "diffuphy"),
+    ],
+)
+def test_the_command_to_go_on_is_the_one_that_was_called(called, typed, monkeypatch):
+    """Where the package is installed there is no train.py."""
+    monkeypatch.setattr(sys, "argv", [called, "seed=1"])
+    assert cli.conclusion([], {}, ["seed=1"]).splitlines()[2] == f"again     {typed} seed=1"
+
+
 def test_nearest_name():
     assert nearest("fit.stpes", ["fit.steps", "fit.lr"]) == "fit.steps"
     assert nearest("stpes", ["guidance", "fit.steps"]) == "fit.steps"

@@ -15,9 +15,9 @@ import torch
 import warp as wp
 
 from benchmarks.leaving_out import FEATURES, setting
-from diffuphy.mpm.solver import Solver
+from diffuphy.mpm.engine.solver import Solver
 from diffuphy.mpm.state import state_bytes
-from tests.mpm.test_kernels import forward, functions
+from tests.mpm.substep.test_kernels import forward, functions
 
 DONE: dict[str, SimpleNamespace] = {}
 """Runs by their settings: several claims are about the same one."""

@@ -19,8 +19,8 @@ from diffuphy.learning.probe import Bench
 from diffuphy.losses.velocity import Velocity
 from diffuphy.material.field import harden, prune
 from diffuphy.mpm import rollout
-from diffuphy.mpm.filling import Flood, Rays
-from diffuphy.mpm.sample import Sample
+from diffuphy.mpm.sampling.filling import Flood, Rays
+from diffuphy.mpm.sampling.sample import Sample
 from diffuphy.plan import Plan
 from diffuphy.render import Film, orbit, render_gaussians, sh
 from diffuphy.render.film.floor import Shadow
@@ -66,7 +66,7 @@ def test_a_velocity_loss_of_weight_zero_is_no_velocity_loss(monkeypatch):
 def test_without_steps_no_gradient_is_taken_and_no_adjoint_made(monkeypatch):
     """material.steps = 0: no kernel of the backward pass, no network step, and the field is that of the scan."""
     for name in ("make_adjoint", "make_nodes_adjoint"):
-        monkeypatch.setattr(sys.modules["diffuphy.mpm.program"], name, Forbidden(name))
+        monkeypatch.setattr(sys.modules["diffuphy.mpm.engine.program"], name, Forbidden(name))
     monkeypatch.setattr(torch.Tensor, "backward", Forbidden("backward"))
     assert len(run(stage(steps=0))) == len(ball()[1])
 

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from diffuphy.cli import main
-from diffuphy.mpm.sample import Sample
+from diffuphy.mpm.sampling.sample import Sample
 from diffuphy.render.film.around import with_scenery
 from diffuphy.render.sh import from_rgb
 from diffuphy.render.skin import Skin, to_metres

@@ -15,10 +15,11 @@ from diffuphy.losses.velocity import Velocity
 from diffuphy.material.net import Net
 from diffuphy.material.stated import Piece, StatedMaterial
 from diffuphy.mpm import HalfSpace, Scheme
-from diffuphy.mpm.sample import Sample
+from diffuphy.mpm.sampling.sample import Sample
 from diffuphy.mpm.stated import Stated
 from diffuphy.mpm.trajectory import Simulate
 from diffuphy.plan import cost_lines, make_plan, predicted, pruned_lines, stage_lines
+from diffuphy.plan.learning import loss_lines
 from diffuphy.render import Film
 from diffuphy.text2gs.fit import FitGaussians
 from diffuphy.text2gs.refine.rules import Rules
@@ -109,6 +110,17 @@ def test_an_encoder_that_was_trained_before_is_told(tmp_path):
     plan = make_plan(components(net=net), prompt("rubber"))
     assert decision(plan, "encoder") == "pre-trained"
     assert not any(line.what == "encoder" for line in make_plan(components(), prompt("rubber")).lines)
+
+
+def test_a_clip_is_blurred_first_only_where_no_scan_came_before():
+    """And hypotheses go in one launch where there is a GPU."""
+    plan = make_plan(components(), prompt("rubber"))
+    assert decision(plan, "low-pass") == "left out" and decision(plan, "hypotheses") == "one by one"
+    alone = make_plan(components(stiffness_steps=0), prompt("rubber"))
+    assert "0.125, 0.0625 of the picture" in next(line.why for line in alone.lines if line.what == "low-pass")
+    assert not any(line.what == "hypotheses" for line in alone.lines)
+    on_gpu = loss_lines(plan.components, "cuda:0")
+    assert next(line.decision for line in on_gpu if line.what == "hypotheses") == "batched"
 
 
 def test_frames_of_a_clip_have_no_common_graph_unless_the_prior_cannot_cut_it():

@@ -118,12 +118,14 @@ def open_rows(out: Path) -> Rows:
 
 
 def study(out: Path, names: Sequence[str], truths: int) -> Rows:
-    """All specimens and truths. Fine references of the first truth are seen in every way, three truths as particles and
-    by one camera, the others by one camera."""
+    """All specimens and truths, seen by one camera; three truths of one unknown and one of two also as particles, and
+    the fine reference of the first truth of one unknown in every way."""
     rows = open_rows(out)
     for number in range(truths):
         for name in names or [n for n in SPECIMENS if n != "rubber"]:  # rubber is what the stage itself is tried on
-            both = WHAT[:2] if number < 3 else (CAMERA,)
-            recover(rows, SPECIMENS[name], number, "fine", both if number else WHAT)
-            recover(rows, SPECIMENS[name], number, "same", both)
+            specimen = SPECIMENS[name]
+            one = len(specimen.sought) == 1
+            both = WHAT[:2] if number < (3 if one else 1) else (CAMERA,)
+            recover(rows, specimen, number, "fine", WHAT if one and number == 0 else both)
+            recover(rows, specimen, number, "same", both)
     return rows

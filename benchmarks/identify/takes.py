@@ -16,7 +16,7 @@ from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.losses.takes import Takes
 from diffuphy.losses.velocity import Velocity
 from diffuphy.material.presets import lookup
-from diffuphy.mpm.sample import Sample
+from diffuphy.mpm.sampling.sample import Sample
 from diffuphy.render.sh import from_rgb
 from diffuphy.text2gs.shapes import Library
 from diffuphy.types import Gaussians, Look, MaterialField, Motion

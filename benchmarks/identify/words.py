@@ -32,22 +32,23 @@ Where it fails, and why:
   deep, and what is left is the error of such a coarse flow; it [falls with the grid](#what-discretisation-does). With
   the scheme and the camera of the elastic bodies it was 7° to 9°.
 - *ν beside E*: a drop shows ν five times less than E ([below](#what-can-be-told-at-all)), so that what the
-  discretisation does to the clip goes into ν; E stays right. State ν, or learn E alone.
-- *E of what yields*: the clip shows the yield stress seven times as well as E, and the error of the discretisation
-  goes into E.
+  discretisation does to the clip goes into ν, and even what another draw of particles does; E stays right. State ν, or
+  learn E alone.
+- *E of what yields*: the clip shows the yield stress seven times as well as E, and the same errors go into E. State E.
 - *Two halves, the softer one below*: the stiff half above hardly deforms, and what the clip shows best is the
   compliance of both together, 1/E + 1/E′; along it the error of the discretisation moves the fit to a smaller
-  contrast. The same body thrown on its other side is the row of the softer upper half, and two halves that both meet
-  the floor are found: what is to be told apart has to be squeezed.
-- *Training alone from too soft a start*: E hardly moves for many steps, and the training ends by its patience or runs
-  out of steps. From too stiff a start it came down in every run so far. The scan is there for this.
+  contrast. The same body thrown on its other side is the row of the softer upper half. Side by side both meet the
+  floor, both are seen [equally well](#what-can-be-told-at-all), the stiff one three times better than on top, and both
+  are found: what is to be told apart has to be squeezed.
+- *Training alone from too soft a start* went down to the softest material that is allowed while every step saw sharp
+  pictures; it now sees [blurred ones first](../learning.md#a-start-that-is-too-soft), and comes up.
 """
 
 STIFFNESS = """
 ## Stiffness, by the material stage
 
 log₁₀ E of a truth between 3.9 and 5.9 (between 3.9 and 6.0 for training alone), ν and ρ known. *Whole stage*:
-`FitMaterial` with 20 steps, scan and training, and a probe with `contact: elastic`; *training alone*: the scan
+`FitMaterial` with 20 steps, scan and training, and a probe with elastic contact; *training alone*: 40 steps, the scan
 left out, from a start that is too stiff or too soft by a given distance. The gradient is that of the product:
 pixels → Gaussians → trajectory → adjoint of the simulation → network. *Steps to 0.1 dex*: after which the path
 stays within it, median of the runs that end there.
@@ -81,10 +82,12 @@ resolutions against the same reference of 12 000 particles. The scheme is that o
 back most of a cell above the floor; an *elastic* wall (`material.probe.scheme.contact=elastic`, the contact that films
 are made with) lets it touch first.
 
-For sand the scheme itself counts. Sharpening and retention keep elastic waves alive that a grid would damp; in a flow
-of grains what they keep alive is the noise between one grain and the next, and it works against the flow, the more the
-coarser the grid. Neither (`material.probe.scheme.sharpen=false material.probe.scheme.retain=0`) is how sand is dropped
-on this page, and with an angle of view of 60° (`material.probe.view=60`): of 40° the heap runs out of the picture.
+For sand the scheme itself counts: its two additions have to go together, one alone brings little. Sharpening multiplies
+what is rough in an acceleration, by a wall that separates the pressure too ([boundaries](../boundaries.md)): a coarse
+heap flows more slowly. Retention keeps velocities that neighbours do not share: waves in an elastic body, noise in a
+flow of grains. Both errors fall with the grid, and so does what is left without them.
+Neither (`material.probe.scheme.sharpen=false material.probe.scheme.retain=0`) is how sand is dropped on this page, and
+with an angle of view of 60° (`material.probe.view=60`): of 40° the heap runs out of the picture.
 
 """
 

@@ -14,7 +14,7 @@ import warp as wp
 from diffuphy.cost import machine
 from diffuphy.material import make_mixture
 from diffuphy.mpm import HalfSpace, Matter, Scene, Scheme, Solver, Span, State
-from diffuphy.mpm.clock import Clock
+from diffuphy.mpm.engine.clock import Clock
 from diffuphy.mpm.state import REAL, Bars, initial_state, make_matter
 from diffuphy.types import MaterialField
 

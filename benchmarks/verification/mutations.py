@@ -37,19 +37,20 @@ class Mutation:
 
 MUTATIONS = (
     Mutation(
-        "first Piola–Kirchhoff stress for Kirchhoff's", "mpm/kernels.py",
+        "first Piola–Kirchhoff stress for Kirchhoff's", "mpm/substep/kernels.py",
         "T = (-kick * vol[p] * idx) * tau",
         "T = (-kick * vol[p] * idx) * tau * wp.transpose(wp.inverse(F))",
         ("A4", "A7", "B1"),
     ),
-    Mutation("F (I + Δt L)", "mpm/kernels.py", "He_p += L + L * He_p", "He_p += L + He_p * L", ("A7h",)),
+    Mutation("F (I + Δt L)", "mpm/substep/kernels.py", "He_p += L + L * He_p", "He_p += L + He_p * L", ("A7h",)),
     Mutation(
-        "PIC: the affine field is dropped", "mpm/kernels.py", "C_out[t] = C_p", "C_out[t] = mat33()", ("A4", "B2"),
+        "PIC: the affine field is dropped", "mpm/substep/kernels.py", "C_out[t] = C_p", "C_out[t] = mat33()",
+        ("A4", "B2"),
         "mls",
     ),
     Mutation(
-        "retained velocity without its affine field", "mpm/kernels.py", "            C_p += alpha * (C_0 - B_0)\n", "",
-        ("A4",),
+        "retained velocity without its affine field", "mpm/substep/kernels.py",
+        "            C_p += alpha * (C_0 - B_0)\n", "", ("A4",),
     ),
     Mutation(
         "Kirchhoff principal stresses times the stretches", "material/elastic/hencky.py",
@@ -83,17 +84,18 @@ MUTATIONS = (
         "wall one node off", "mpm/boundary/layout.py", "(b.reach - SLACK +", "(b.reach - SLACK - 1.0 +", ("B3",), "mls"
     ),
     Mutation(
-        "mirror one node off", "mpm/mirror.py", "round(p / grid.dx - s) - o", "round(p / grid.dx - s) - o - 1", ("B3",)
+        "mirror one node off", "mpm/substep/mirror.py", "round(p / grid.dx - s) - o", "round(p / grid.dx - s) - o - 1",
+        ("B3",),
     ),
     Mutation(
-        "absolute number added to the mass of a node", "mpm/nodes.py", "r[0] / m, r[1] / m, r[2] / m, m",
+        "absolute number added to the mass of a node", "mpm/substep/nodes.py", "r[0] / m, r[1] / m, r[2] / m, m",
         "r[0] / (m + real(1e-9)), r[1] / (m + real(1e-9)), r[2] / (m + real(1e-9)), m", ("A1", "A3"),
     ),
     Mutation(
         "a full kick first", "mpm/span.py", "out[0, 1] = 0.5 * self.dt", "out[0, 1] = self.dt", ("A1",)
     ),
     Mutation(
-        "indices that truncate towards zero", "mpm/spline.py", "h = real(reach)\n        bx",
+        "indices that truncate towards zero", "mpm/substep/spline.py", "h = real(reach)\n        bx",
         "h = real(0.0)\n        bx", ("A1", "A2"),
     ),
     Mutation(
@@ -109,17 +111,18 @@ MUTATIONS = (
         "if y < real(-1.0):", ("E2",),
     ),
     Mutation(
-        "nodal gradients of the substep before are not cleared", "mpm/nodes_adjoint.py",
+        "nodal gradients of the substep before are not cleared", "mpm/substep/nodes_adjoint.py",
         "bar[(scene * lanes + lane) * nodes + o - base] = node_t()",
         "bar[(scene * lanes + lane) * nodes + o - base] = bar[(scene * lanes + lane) * nodes + o - base]",
         ("E1", "E3"),
     ),
     Mutation(
-        "gradient in the mass of a node dropped", "mpm/nodes_adjoint.py",
+        "gradient in the mass of a node dropped", "mpm/substep/nodes_adjoint.py",
         "node_t(q_bar[0], q_bar[1], q_bar[2], m_bar,", "node_t(q_bar[0], q_bar[1], q_bar[2], real(0.0),", ("E1",),
     ),
     Mutation(
-        "replay from the wrong checkpoint", "mpm/solver.py", "work.put(saved.pop())", "work.put(saved[0])", ("E5",)
+        "replay from the wrong checkpoint", "mpm/engine/solver.py", "work.put(saved.pop())", "work.put(saved[0])",
+        ("E5",),
     ),
     Mutation(
         "a cone of half the slope", "material/plastic/drucker_prager.py", "d = n + m.ratio(theta) * al * x",
@@ -142,7 +145,7 @@ MUTATIONS = (
         ("C9",),
     ),
     Mutation(
-        "unstable steps let through", "mpm/clock.py", "T / math.ceil(T / self.dt) > limit",
+        "unstable steps let through", "mpm/engine/clock.py", "T / math.ceil(T / self.dt) > limit",
         "T / math.ceil(T / self.dt) > 1e3 * limit", ("D3",),
     ),
 )  # fmt: skip

@@ -8,9 +8,9 @@ import torch
 from benchmarks.verification.bodies import Body, at_rest, block, stored
 from benchmarks.verification.case import Check, Setting, at_least, case, near, within
 from diffuphy.material import make_mixture
+from diffuphy.mpm.engine.solver import Solver
 from diffuphy.mpm.grid import Grid
 from diffuphy.mpm.scene import STABLE
-from diffuphy.mpm.solver import Solver
 from diffuphy.mpm.span import Span
 from diffuphy.mpm.state import REAL, make_matter
 

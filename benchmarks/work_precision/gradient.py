@@ -20,7 +20,7 @@ from benchmarks.work_precision.choice import DEFAULT, Choice, named
 from benchmarks.work_precision.problem import Sample
 from benchmarks.work_precision.sweep import BUDGET, QUICK_BUDGET, Entry, Swept, settings, swept
 from diffuphy.mpm import State, simulate
-from diffuphy.mpm.solver import backward_bytes
+from diffuphy.mpm.engine.solver import backward_bytes
 
 TITLE, NORM = "Gradient", "relative error of d ln v/d ln E"
 W = 2 * math.pi + 1

@@ -11,8 +11,8 @@ from diffuphy.cost.counted import Counted, pictures
 from diffuphy.cost.matter import Matter
 from diffuphy.cost.rollouts import Laws, Work, add
 from diffuphy.cost.substeps import rounds
+from diffuphy.mpm.engine.solver import segment_of
 from diffuphy.mpm.rollout import MAX_THREADS, THREADED
-from diffuphy.mpm.solver import segment_of
 from diffuphy.types import Motion
 
 PREVIEW = 3, 128

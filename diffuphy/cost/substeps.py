@@ -12,7 +12,7 @@ def rounds(scene: Any, wave: float, spin_radius: float) -> float:
 
         Σ_frames ⌈ (c + V) T / (cfl Δx) ⌉ + 1,   V = |v| + |g| T + |v_wall|
 
-    as ``mpm.clock`` counts them: v falls freely up to the ground and keeps a share of its speed after that.
+    as ``mpm.engine.clock`` counts them: v falls freely up to the ground and keeps a share of its speed after that.
 
     Args:
         scene: ``mpm.Scene``.

@@ -129,7 +129,9 @@ class Case:
 
         words, of = words_of(library, look, motion, particles)
         most = min(regions, len(set(motion.materials.values())))
-        labels = segments(appearance(gaussians, particles), words, of, most, segment)
+        labels = torch.zeros_like(of)
+        if most > 1:
+            labels = segments(appearance(gaussians, particles), words, of, most, segment)
         kind = _pairs(labels, torch.tensor([words.index(w) for w in words], device=of.device)[of])
         bench = probe.bench(gaussians, particles, motion.size, kind)
         if getattr(guidance, "references", 0) is None:

@@ -20,7 +20,7 @@ from diffuphy.losses.velocity import Velocity, centroid
 from diffuphy.losses.video import by_frames
 from diffuphy.material import presets
 from diffuphy.mpm import FrameReport, HalfSpace, Scene, Scheme, rollout
-from diffuphy.mpm.sample import coarsen
+from diffuphy.mpm.sampling.coarse import coarsen
 from diffuphy.render import Skin, look_at, render_gaussians
 from diffuphy.types import Camera, Gaussians, Look, MaterialField, Motion, Particles, Trajectory
 

@@ -25,6 +25,9 @@ from diffuphy.workspace import Workspace
 log = logging.getLogger(__name__)
 THREADS = 2
 """Clips simulated at once on the CPU; the scores do not depend on it."""
+FINE = 0.15
+"""The search between the values of the grid ends at steps no larger than this [dex]: a right law that is farther from
+its best stiffness can score worse than a wrong one at its best (docs/benchmarks/two_regions.md)."""
 FEW = 6
 """Choices of laws whose stiffness is sought more finely than the grid."""
 
@@ -84,8 +87,9 @@ def scan(
         raise failed[0] if failed else SimulationDiverged(f"none of {len(pairs)} hypotheses can be simulated")
     if failed:
         log.warning("material: %d of %d hypotheses cannot be simulated: %s", len(failed), len(pairs), failed[0])
+    halvings = math.ceil(math.log2(max(2.0, _step(grid) / FINE)))
     with ThreadPoolExecutor(THREADS) as pool:
-        found = list(pool.map(lambda i: compass(guesses.score, pairs[i], scores[i], grid), best))
+        found = list(pool.map(lambda i: compass(guesses.score, pairs[i], scores[i], grid, halvings), best))
     found.sort(key=lambda f: f[1])
     log.info("material: scanned %d hypotheses; %s", len(pairs), "; ".join(f"{_words(p)}: {v:.3g}" for p, v in found))
     return [guesses.hypotheses(pair) for pair, _ in found]
@@ -141,14 +145,14 @@ class _Guesses:
 
 
 def compass(
-    score: Callable[[Pair], float], pair: Pair, value: float, grid: Sequence[float], halvings: int = 2
+    score: Callable[[Pair], float], pair: Pair, value: float, grid: Sequence[float], halvings: int
 ) -> tuple[Pair, float]:
     """The best stiffness of each region near those of ``pair``, and its score, by looking both ways in halved steps.
 
     Compass search (Kolda, Lewis & Torczon 2003): forward only, and a bounce seen at the wrong phase does not mislead
     it as it does a gradient. Ends within grid step / 2^halvings of a local minimum if there is one.
     """
-    step = (grid[-1] - grid[0]) / max(1, len(grid) - 1)
+    step = _step(grid)
     for _ in range(halvings):
         step /= 2
         for region, (law, log_E) in enumerate(pair):
@@ -160,6 +164,10 @@ def compass(
                     pair, value = trial, found
                     break
     return pair, value
+
+
+def _step(grid: Sequence[float]) -> float:
+    return (grid[-1] - grid[0]) / max(1, len(grid) - 1)
 
 
 def _of_each_choice(pairs: Sequence[Pair], scores: Sequence[float]) -> list[int]:

@@ -10,8 +10,8 @@ from torch import Tensor
 
 from diffuphy.compiling import LOCK
 from diffuphy.mpm.scheme import Scheme
-from diffuphy.mpm.spline import make_spline
 from diffuphy.mpm.state import REAL, Matter, State, view
+from diffuphy.mpm.substep.spline import make_spline
 
 
 @dataclass(frozen=True)

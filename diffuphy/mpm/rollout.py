@@ -10,22 +10,22 @@ import torch
 from torch import Tensor
 
 from diffuphy.material import make_mixture, rate_gate
-from diffuphy.mpm.clock import Clock
 from diffuphy.mpm.controls import Controls
 from diffuphy.mpm.diagnostics import balance
 from diffuphy.mpm.drive import Drive, tags
-from diffuphy.mpm.frame import joined
-from diffuphy.mpm.gather import Gather, Sums, check_gather
-from diffuphy.mpm.kernels import LEFT
-from diffuphy.mpm.leaving import Members
-from diffuphy.mpm.limits import check_limits, check_options, check_steering, check_velocity, say_small
+from diffuphy.mpm.engine.clock import Clock
+from diffuphy.mpm.engine.frame import joined
+from diffuphy.mpm.engine.leaving import Members
+from diffuphy.mpm.engine.limits import check_limits, check_options, check_steering, check_velocity, say_small
+from diffuphy.mpm.engine.solver import Body, Solver, backward_bytes
+from diffuphy.mpm.engine.trouble import Trouble, blame, trouble_of
 from diffuphy.mpm.report import FrameReport
 from diffuphy.mpm.scene import Scene
-from diffuphy.mpm.solver import Body, Solver, backward_bytes
 from diffuphy.mpm.span import Span
 from diffuphy.mpm.state import REAL, Matter, Rows, State, check, check_state, initial_state, make_matter, placed
 from diffuphy.mpm.stretch import bounded
-from diffuphy.mpm.trouble import Trouble, blame, trouble_of
+from diffuphy.mpm.substep.gather import Gather, Sums, check_gather
+from diffuphy.mpm.substep.kernels import LEFT
 from diffuphy.types import MaterialField, Trajectory
 
 log = logging.getLogger(__name__)

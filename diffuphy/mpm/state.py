@@ -10,7 +10,7 @@ import warp as wp
 from torch import Tensor
 
 from diffuphy.mpm.scene import Scene
-from diffuphy.mpm.variant import Variant
+from diffuphy.mpm.substep.variant import Variant
 from diffuphy.types import MaterialField
 
 REAL = {torch.float32: wp.float32, torch.float64: wp.float64}

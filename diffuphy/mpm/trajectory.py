@@ -10,10 +10,10 @@ from typing import Any, ClassVar
 import torch
 
 from diffuphy.mpm.boundary import HalfSpace
+from diffuphy.mpm.engine.solver import State
 from diffuphy.mpm.rollout import FrameReport, simulate
 from diffuphy.mpm.scene import Scene, scene_for
 from diffuphy.mpm.scheme import Scheme
-from diffuphy.mpm.solver import State
 from diffuphy.types import MaterialField, Motion, Particles, Trajectory
 from diffuphy.workspace import Workspace
 

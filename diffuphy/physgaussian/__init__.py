@@ -4,7 +4,7 @@ read        file → ``SceneFile``, every key checked, defaults filled in
 scene       file → the component that plays it (``mpm.stated.Stated``)
 camera      file → what holds the camera of its film (``render.film.rigs``)
 material    file → the component that says what it is made of (``material.stated.StatedMaterial``)
-sample      file → the component that makes its particles, filled as it says (``mpm.sample.Sample``)
+sample      file → the component that makes its particles, filled as it says (``mpm.Sample``)
 gaussians   file → the component that reads a trained scene as it prepares it (``text2gs.load.LoadGaussians``)
 table       what every value means here, and what differs on purpose
 """
@@ -13,7 +13,7 @@ import logging
 from typing import Any
 
 from diffuphy.material.stated import StatedMaterial
-from diffuphy.mpm.sample import Sample
+from diffuphy.mpm.sampling.sample import Sample
 from diffuphy.mpm.scheme import Scheme
 from diffuphy.mpm.stated import Stated
 from diffuphy.physgaussian.grains import grains

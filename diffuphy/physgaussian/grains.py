@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from diffuphy.mpm.filling import DIRECTIONS, Direction, Rays
-from diffuphy.mpm.sample import Sample
+from diffuphy.mpm.sampling.filling import DIRECTIONS, Direction, Rays
+from diffuphy.mpm.sampling.sample import Sample
 from diffuphy.physgaussian.frame import Frame
 from diffuphy.physgaussian.scene_file import SceneFile
 

@@ -51,7 +51,7 @@ def loss_lines(components: Mapping[str, Any], device: str = "cpu") -> list[Line]
 
 def _launches(device: str) -> Line:
     if device.startswith("cuda"):
-        return Line("hypotheses", "batched", "those of one time step in one launch, for the time of one")
+        return Line("hypotheses", "batched", "those of one time step in one launch")
     return Line("hypotheses", "one by one", "on a CPU one launch of all takes no less time")
 
 
@@ -89,8 +89,12 @@ def clip_lines(fit: Any) -> list[Line]:
     camera = "one camera" if takes.views == 1 else f"one of {takes.views} cameras"
     background = {"own": "its own", "white": "a white", "random": "a random"}[takes.background]
     whole = not getattr(fit.guidance, "frames_alone", False)
+    widths = ", ".join(f"{share:.3g}" for share in fit.descent().blur if share)
     return [
         Line("clip of a step", frames, f"{camera}, {background} background"),
+        Line("low-pass", "first", f"blurred by {widths} of the picture: sharp ones mislead a start that is too soft")
+        if widths
+        else Line("low-pass", "left out", "after a scan the clip is near" if fit.stiffness_steps else "material.blur"),
         Line(
             "graph of the clip", "autoencoder alone", "the prior encodes clips whole; frames are drawn again one by one"
         )

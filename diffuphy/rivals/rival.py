@@ -25,7 +25,7 @@ from diffuphy.workspace import Workspace
 class Rival:
     """Settings of every rival that learns."""
 
-    VERSION: ClassVar[int] = 1
+    VERSION: ClassVar[int] = 2
     NAME: ClassVar[str] = ""
     """What it is called in the plan."""
 

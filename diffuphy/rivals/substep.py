@@ -8,7 +8,7 @@ import torch
 
 from diffuphy.learning.probe import Bench
 from diffuphy.mpm import Scene, simulate
-from diffuphy.mpm.solver import State
+from diffuphy.mpm.engine.solver import State
 from diffuphy.types import MaterialField, Trajectory
 
 SHARE = 0.9

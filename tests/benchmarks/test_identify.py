@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from benchmarks.identify import recover, trained
+from benchmarks.identify import page, recover, seen, trained
 from benchmarks.identify.bodies import PROBE
 from benchmarks.identify.newton import least_squares
 from benchmarks.identify.rows import Rows, rate, wilson
@@ -113,6 +113,21 @@ def test_halves_beside_each_other_are_left_and_right_in_the_picture():
     clip = watch.see(watch.drop(SPECIMENS["halves side by side"], at(5.0, 5.0), 1), "1 camera")[0, 0]
     blue = clip[..., 2] - clip[..., 0]  # the half of label 0 is red, the other blue
     assert float(blue[12:20, 10:14].mean()) < 0 < float(blue[12:20, 18:22].mean())
+
+
+def test_a_fit_with_the_discretisation_of_the_reference_has_no_bias(monkeypatch):
+    """The resolution study starts at the truth: where nothing differs it stays there, to the step at which it stops."""
+    monkeypatch.setattr(seen, "made", lambda seed, finer, probe, split: Watch.make(0, probe=TINY))
+    found = seen._bias(RUBBER, 200, PROBE.scheme, 1)
+    assert found["bias"] == pytest.approx([0.0], abs=5e-3) and found["rms"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_rows_of_halves_say_which_one_is_softer():
+    """A stiff half on a soft one and a soft one on a stiff one are two experiments; side by side they are one."""
+    row = {"specimen": "two halves", "truth": [1e4, 1e5]}
+    assert page.body_of(row) == "two halves, the lower one softer"
+    assert page.body_of(row | {"truth": [1e5, 1e4]}) == "two halves, the upper one softer"
+    assert page.body_of(row | {"specimen": "halves side by side"}) == "halves side by side"
 
 
 def test_one_half_is_ten_times_as_stiff_by_turns():

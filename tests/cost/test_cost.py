@@ -21,8 +21,8 @@ from diffuphy.losses.guidance.analytic import Analytic
 from diffuphy.material import ELASTIC, PLASTIC, make_mixture
 from diffuphy.material.branch import BRANCHES
 from diffuphy.mpm import HalfSpace, Sample, Scene, Scheme, Solver, simulate
+from diffuphy.mpm.engine.launch import Bound
 from diffuphy.mpm.grid import Grid
-from diffuphy.mpm.launch import Bound
 from diffuphy.mpm.span import Span
 from diffuphy.mpm.state import REAL, Rows, initial_state, make_matter, state_bytes
 from diffuphy.mpm.trajectory import Simulate

@@ -19,7 +19,7 @@ from diffuphy.material import wave_speed
 from diffuphy.material.labelled import LabelledMaterial
 from diffuphy.material.presets import lookup
 from diffuphy.material.stated import Piece, StatedMaterial
-from diffuphy.mpm.solver import Solver
+from diffuphy.mpm.engine.solver import Solver
 from diffuphy.plan import make_plan
 from diffuphy.rivals.ablations import LAW, OneLaw
 from diffuphy.rivals.physgaussian import PhysGaussian

@@ -20,6 +20,7 @@ from diffuphy.formats.splats import find
 from diffuphy.formats.surface import density, level, surface
 from diffuphy.geometry import covariances
 from diffuphy.render import sh
+from diffuphy.render.film.around import together
 from diffuphy.render.scenes import ply
 from diffuphy.types import Camera, Clip, Gaussians, MaterialField, Particles, Trajectory
 
@@ -147,6 +148,22 @@ def test_what_stands_around_is_in_every_file_of_gaussians_where_the_film_has_it(
                 np.testing.assert_allclose(arrays["around_means"], want, rtol=0, atol=1e-6)
     (folder,) = write(scene, ["ply"], Options(tmp_path / "alone", every=3, around=False))["ply"]
     assert len(ply.read(folder / "frame_0003.ply")) == count
+
+
+def test_a_finished_run_knows_what_stood_around_its_object(tmp_path: Path) -> None:
+    """From its own settings: the Gaussians of the file outside the region that moves; a made object has nothing."""
+    folder = made(tmp_path / "run")
+    assert Run.at(folder).still is None
+    scene = tmp_path / "scene.ply"
+    thing, beside = Stand(60).gaussians, Stand(25).gaussians
+    ply.write(scene, together(thing, dataclasses.replace(beside, means=beside.means + 100.0)), up="z_up")
+    (folder / ".hydra").mkdir()
+    (folder / ".hydra" / "config.yaml").write_text(
+        "prompt: a thing falling\nstages:\n  clip:\n    around:\n      _target_: diffuphy.text2gs.load.LoadGaussians\n"
+        f"      path: {scene}\n      up: z_up\n      region: [-20, 20, -20, 20, -20, 20]\n"
+    )
+    run = Run.at(folder)
+    assert run.title == "a thing falling" and run.still is not None and len(run.still) == 25
 
 
 def test_npz_says_what_is_in_it_and_moves_gaussians_with_numpy_alone(run: Run, tmp_path: Path) -> None:

@@ -11,9 +11,9 @@ import warp as wp
 from diffuphy.material import make_mixture
 from diffuphy.mpm import Box, Grid, HalfSpace, Mesh, Scene, Schedule, Scheme, Sphere, container, rollout, simulate
 from diffuphy.mpm.boundary import SLACK, rows, signature
-from diffuphy.mpm.kernels import make_kernels
-from diffuphy.mpm.nodes import make_nodes
-from diffuphy.mpm.variant import Variant
+from diffuphy.mpm.substep.kernels import make_kernels
+from diffuphy.mpm.substep.nodes import make_nodes
+from diffuphy.mpm.substep.variant import Variant
 from diffuphy.types import Trajectory
 from tests.mpm.bodies import block, field, rotation
 from tests.mpm.text import source

@@ -9,9 +9,9 @@ import warp as wp
 from diffuphy.material import make_mixture
 from diffuphy.mpm import Grid, Scene, Scheme, Solver, Span
 from diffuphy.mpm.diagnostics import diagnose
-from diffuphy.mpm.rows import make_rows
 from diffuphy.mpm.state import REAL, initial_state, make_matter, view
-from diffuphy.mpm.variant import Variant
+from diffuphy.mpm.substep.rows import make_rows
+from diffuphy.mpm.substep.variant import Variant
 from tests.mpm.bodies import block, field
 
 DX = 0.05

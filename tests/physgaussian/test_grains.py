@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from diffuphy.mpm.filling import Rays
+from diffuphy.mpm.sampling.filling import Rays
 from diffuphy.physgaussian import sample
 from diffuphy.physgaussian.grains import grains, rays
 from diffuphy.physgaussian.scene_file import parse

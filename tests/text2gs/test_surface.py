@@ -10,7 +10,7 @@ import torch
 
 from diffuphy.artifact import describe
 from diffuphy.geometry import rotations
-from diffuphy.mpm.sample import Sample
+from diffuphy.mpm.sampling.sample import Sample
 from diffuphy.render import orbit, render_gaussians
 from diffuphy.text2gs.surface import LoadMesh, from_z
 from diffuphy.types import Look, Motion

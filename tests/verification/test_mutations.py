@@ -17,8 +17,8 @@ def test_a_mutation_fits_the_present_source(mutation):
 def test_a_text_that_is_gone_is_an_error(tmp_path):
     """A mutation that no longer applies would otherwise look as if it had been survived, or caught."""
     copied(tmp_path)
-    with pytest.raises(ValueError, match=r"mutation 'gone': mpm/kernels.py has no 'nowhere'"):
-        apply(Mutation("gone", "mpm/kernels.py", "nowhere", "", ("A1",)), tmp_path)
+    with pytest.raises(ValueError, match=r"mutation 'gone': mpm/substep/kernels.py has no 'nowhere'"):
+        apply(Mutation("gone", "mpm/substep/kernels.py", "nowhere", "", ("A1",)), tmp_path)
 
 
 @pytest.mark.slow

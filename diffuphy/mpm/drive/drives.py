@@ -159,9 +159,9 @@ class Drag(_Field):
 class Held(_Timed):
     """Particles that move as a rigid body whatever happens: x(t) = c(t) + R(t) (x₀ − c₀), F ← R F, exactly.
 
-    For all other matter they are a rough wall that moves (``mpm.obstacle``). In a substep they have the velocity
-    v = V + A (x − c) with A = (exp(Δt [ω]×) − 1)/Δt, the chord of their arc, which takes them to the right place; A is
-    their affine velocity C.
+    For all other matter they are a rough wall that moves (``mpm.substep.obstacle``). In a substep they have the
+    velocity v = V + A (x − c) with A = (exp(Δt [ω]×) − 1)/Δt, the chord of their arc, which takes them to the right
+    place; A is their affine velocity C.
     """
 
     center: Vec = (0.0, 0.0, 0.0)

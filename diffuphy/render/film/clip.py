@@ -72,8 +72,9 @@ class Film:
         check_view(self.view, self.also)
         if self.width < 2 or self.height < 2 or self.width % 2 or self.height % 2:
             raise ValueError(f"width and height must be even and positive, got {self.width} x {self.height}")
-        if self.stretch < 1 or self.supersample < 1 or self.neighbours < 1:
-            raise ValueError(f"stretch, supersample and neighbours must be at least 1, got {self}")
+        at_least_1 = (self.stretch, self.supersample, self.neighbours)
+        if not all(a >= 1 for a in at_least_1):
+            raise ValueError(f"stretch, supersample and neighbours must be at least 1, got {at_least_1}")
         if not 0 <= self.shadow <= 1:
             raise ValueError(f"shadow must be in [0, 1], got {self.shadow}")
         if not 0 < self.slow < math.inf:

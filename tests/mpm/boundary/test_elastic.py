@@ -12,7 +12,7 @@ from diffuphy.mpm import HalfSpace, Scene, Scheme, Sphere, simulate
 from diffuphy.mpm.boundary import DAMPING, can_be_elastic, container, rows
 from diffuphy.mpm.boundary.kernels_elastic import make_filled
 from diffuphy.mpm.boundary.layout import FRICTION, HARD
-from diffuphy.mpm.spline import make_spline
+from diffuphy.mpm.substep.spline import make_spline
 from tests.mpm.bodies import block, field
 from tests.mpm.walls import HERE, elastic_contact
 

@@ -136,6 +136,13 @@ def test_what_lies_beside_a_particle_is_carried_no_farther_than_it_is_drawn_long
     assert float(films[0].std()) > 0.05  # something is seen
 
 
+@pytest.mark.parametrize("name", ["stretch", "supersample", "neighbours"])
+def test_what_must_be_at_least_one_is_a_number(name: str) -> None:
+    for value in (0, math.nan):
+        with pytest.raises(ValueError, match="must be at least 1"):
+            Film(**{name: value})
+
+
 def test_a_preview_is_left_in_the_workspace(tmp_path: Path) -> None:
     film(Workspace(tmp_path, progress=False))
     assert (tmp_path / "previews" / "film.png").stat().st_size > 1000

@@ -6,7 +6,7 @@ import math
 import torch
 
 from diffuphy.geometry import rotations
-from diffuphy.mpm.sample import Sample
+from diffuphy.mpm.sampling.sample import Sample
 from diffuphy.render import Film, Skin
 from diffuphy.render.film.fillers import PARTED, Fillers, with_fillers
 from diffuphy.render.sh import from_rgb

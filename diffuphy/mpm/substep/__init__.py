@@ -1,0 +1,1 @@
+"""One substep as kernels: matter to nodes, nodes, nodes to matter; and the way back."""
