@@ -142,3 +142,10 @@ def test_motion_of_the_draft_is_that_of_the_film_at_the_start():
     errors = component(motion, PARTICLES, FIELD, trajectory, work=Workspace())
     assert float(errors.com.max()) < 1e-5 * 0.4
     assert float(errors.shape.max()) < 2e-3 * 0.4
+
+
+def test_pixels_are_those_of_the_film_whatever_is_sampled(whole):
+    """Two samples a side of a pixel see twice as many; the error is told in pixels of the film."""
+    film = Film(width=64, height=64, supersample=2)
+    finer = Estimate(scene=SCENE, film=film)(FALL, PARTICLES, FIELD, TRAJECTORY, work=Workspace())
+    torch.testing.assert_close(finer.pixels, whole.pixels, rtol=1e-4, atol=1e-5)  # rounding of a projection
