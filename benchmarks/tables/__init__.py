@@ -104,6 +104,7 @@ MAKES: Mapping[str, Sequence[Callable[[Sequence[gather.Row]], str]]] = {
 SHOWN = {
     "efficiency": ("cpu_seconds", "processor time of the material [s]"),
     "ablation": ("meant", "distance to the motion of what was meant / size"),
+    "prompt": ("error", "distance to the motion of what was meant / size"),
 }
 """Number and label of the figure, where it is not the error."""
 

@@ -187,7 +187,7 @@ def figure(rows: Sequence[Row], path: Path, metric: str = "error", label: str = 
     if not values:
         return
     low, high = math.floor(2 * math.log10(min(values))) / 2, math.ceil(2 * math.log10(max(values))) / 2
-    left, width, step = 270.0, 440.0, 12.0
+    left, width, step = max(270.0, 30 + 5.6 * max(map(len, prompts))), 440.0, 12.0
     legend = -(-len(variants) // ACROSS)
     top = 22.0 + 18.0 * legend
     band = step * len(variants) + 10
@@ -204,12 +204,12 @@ def figure(rows: Sequence[Row], path: Path, metric: str = "error", label: str = 
     sheet.text(left + width / 2, bottom + 32, label, anchor="mm")
     for i, prompt in enumerate(prompts):
         sheet.text(left - 12, top + band * i + band / 2 - 9, prompt, anchor="rm", size=11)
-        sheet.line([(left - 250, top + band * i - 10), (left + width, top + band * i - 10)], PALE, 1.0)
+        sheet.line([(20, top + band * i - 10), (left + width, top + band * i - 10)], PALE, 1.0)
         for j, variant in enumerate(variants):
             _dot(sheet, found.get((variant, prompt)), at, top + band * i + step * j, j)
     each = min(ACROSS, len(variants))
     for j, variant in enumerate(variants):
-        x, y = left - 250 + j % each * (width + 260) / each, 12 + 18 * (j // each)
+        x, y = 20 + j % each * (left + width - 10) / each, 12 + 18 * (j // each)
         _mark(sheet, x + 5, y, j)
         sheet.text(x + 15, y, variant, size=11, color=INK)
     sheet.image.save(path)
