@@ -96,7 +96,7 @@ FILMS: tuple[Film | Example, ...] = (
           "gaussians.materials={1: rubber, 2: honey}"), (0.0, 0.43, 1.5), ("two_materials", "write_burger", BURGER)),
     Film("snowman", "a snowman of snow falls", "a snow snowman falling", moments=(0.2, 0.33, 1.5)),
     Film("duck", "a thing of one's own scene is squashed, the rest stands around", "a 30 cm clay duck squashed",
-         ("gaussians=ply", f"gaussians.path={SCENE}", DUCK, "+film.floor=false"), (0.0, 0.7, 1.5),
+         ("gaussians=ply", f"gaussians.path={SCENE}", DUCK, "film.floor=false"), (0.0, 0.7, 1.5),
          ("own_scene", "write_duck", SCENE)),
     Film("knot", "a mesh, in a stated material", "a rubber knot bouncing",
          ("gaussians=mesh", f"gaussians.path={KNOT}", "material=stated"), (0.2, 0.5, 0.63),

@@ -108,7 +108,7 @@ SCENES = {
             ("+sample.cells=20", "scene.seconds=2", "scene.particles=1000000", "camera.azimuth=-90"),
             ("+sample.cells=8", "scene.seconds=1", "scene.particles=1000000"),
         ),
-        Scene("wolf", 1.0, heap, ("+sample.cells=20", "+film.stretch=1.5"), ("+sample.cells=8",)),
+        Scene("wolf", 1.0, heap, ("+sample.cells=20", "film.stretch=1.5"), ("+sample.cells=8",)),
         Scene("jam", 0.5, puddle, ("+sample.cells=16",), ("+sample.cells=8", "scene.seconds=1")),
         Scene(
             "can", 0.5, dent,

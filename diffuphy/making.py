@@ -56,7 +56,7 @@ def film(prompt: str, *overrides: str, **settings: Any) -> Made:
 
     Args:
         prompt: the sentence.
-        overrides: as on the command line: ``"experiment=fast"``, ``"scene.seconds=1"``, ``"+film.floor=false"``.
+        overrides: as on the command line: ``"experiment=fast"``, ``"scene.seconds=1"``, ``"film.floor=false"``.
         settings: the same for settings of one word: ``seed=3``, ``store="films"``, ``until="trajectory"``.
 
     Raises:

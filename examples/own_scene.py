@@ -59,7 +59,7 @@ def main(*settings: str) -> Made:
     if not any(s.startswith("gaussians.path=") for s in given):
         scene = Path("outputs/examples/duck.ply")
         write_duck(scene)
-        given += [f"gaussians.path={scene}", DUCK, "+film.floor=false"]
+        given += [f"gaussians.path={scene}", DUCK, "film.floor=false"]
     made = diffuphy.film("a 30 cm clay duck squashed", "gaussians=ply", "store=outputs/examples", *given)
     print(made.folder)
     return made
