@@ -11,7 +11,6 @@ from diffuphy.cost.counted import Counted, pictures
 from diffuphy.cost.matter import Matter
 from diffuphy.cost.rollouts import Laws, Work, add
 from diffuphy.cost.substeps import rounds
-from diffuphy.mpm.engine.solver import segment_of
 from diffuphy.mpm.rollout import MAX_THREADS, THREADED
 from diffuphy.types import Motion
 
@@ -135,10 +134,3 @@ def single(particles: int, substeps: int, laws: Laws, scheme: Any, double: bool)
     work = rollouts.forward(particles, substeps, 0.0, nodes, laws, scheme, double=double)
     own = particles * (2 * rollouts.row_bytes(laws, double) + rollouts.matter_bytes(laws, double))
     return work, own + nodes * rollouts.node_bytes(scheme, double)
-
-
-def gradient_bytes(particles: int, substeps: int, laws: Laws, double: bool) -> float:
-    """Memory of the states of one frame in a backward pass that runs it again [byte]."""
-    row = rollouts.row_bytes(laws, double)
-    part = segment_of(substeps, row * particles)
-    return (part + -(-substeps // part)) * row * particles

@@ -100,10 +100,6 @@ class Mixture:
         return None if self.branch is None else self.branch.energy
 
     @property
-    def n_theta(self) -> int:
-        return len(self.params)
-
-    @property
     def Ke(self) -> int:
         return len(self.laws_e)
 

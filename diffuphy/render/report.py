@@ -7,7 +7,6 @@ page forbids itself every request by its content security policy.
 import base64
 import html
 import io
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -129,32 +128,6 @@ class Report:
         buffer = io.BytesIO()
         picture.save(buffer, "PNG", optimize=True)
         return _data("image/png", buffer.getvalue())
-
-
-def write_report(path: Path, **content: Any) -> Path:
-    """The page with default settings; arguments as in ``Report.__call__``."""
-    return Report()(path, **content)
-
-
-def read_curves(metrics: Path) -> dict[str, list[tuple[float, float]]]:
-    """Curves of a ``metrics.jsonl`` (``Workspace.log``): every numeric key against ``step``.
-
-    A step written twice, by a run that was killed and resumed, counts once, as written last; a half-written last line
-    is left out.
-    """
-    curves: dict[str, dict[float, float]] = {}
-    lines = metrics.read_text(encoding="utf-8").splitlines()
-    for i, line in enumerate(lines):
-        try:
-            row = json.loads(line)
-        except json.JSONDecodeError:
-            if i + 1 < len(lines):
-                raise
-            break
-        for key, value in row.items():
-            if key not in ("step", "time") and isinstance(value, int | float) and not isinstance(value, bool):
-                curves.setdefault(key, {})[row["step"]] = float(value)
-    return {key: sorted(values.items()) for key, values in curves.items()}
 
 
 def _text(value: Any) -> str:

@@ -2,7 +2,6 @@
 
 import base64
 import io
-import json
 import re
 from html.parser import HTMLParser
 
@@ -11,7 +10,7 @@ import pytest
 import torch
 from PIL import Image
 
-from diffuphy.render.report import Report, read_curves, write_report
+from diffuphy.render.report import Report
 
 EVIL = "<script>alert('1')</script> \"&"
 VOID = {"meta", "img", "line", "circle", "polyline"}
@@ -52,7 +51,7 @@ def picture(seed=0, h=12, w=16):
 def page(tmp_path):
     film = tmp_path / "film.mp4"
     film.write_bytes(bytes(range(256)))
-    path = write_report(
+    path = Report()(
         tmp_path / "report.html",
         title=EVIL,
         film=film,
@@ -122,9 +121,9 @@ def test_report_writes_numbers_as_people_do(page):
 
 
 def test_report_has_no_section_for_what_is_absent(tmp_path):
-    text = write_report(tmp_path / "r.html", title="t").read_text(encoding="utf-8")
+    text = Report()(tmp_path / "r.html", title="t").read_text(encoding="utf-8")
     assert "<section" not in text and "<video" not in text and "<aside" not in text
-    assert "<h2>Curves</h2>" not in write_report(tmp_path / "r.html", title="t", curves={"a": []}).read_text("utf-8")
+    assert "<h2>Curves</h2>" not in Report()(tmp_path / "r.html", title="t", curves={"a": []}).read_text("utf-8")
 
 
 def test_report_reduces_large_pictures(tmp_path):
@@ -145,25 +144,10 @@ def test_report_that_fails_leaves_the_old_one(tmp_path):
     ]
     for content, message in bad:
         with pytest.raises(ValueError, match=message):
-            write_report(path, title="t", **content)
+            Report()(path, title="t", **content)
     assert path.read_text(encoding="utf-8") == "old" and [p.name for p in tmp_path.iterdir()] == ["r.html"]
     with pytest.raises(ValueError, match="at least 16"):
         Report(max_side=1)
-
-
-def test_read_curves_counts_a_step_once_and_forgives_a_torn_last_line(tmp_path):
-    file = tmp_path / "metrics.jsonl"
-    rows = [
-        {"step": 0, "time": 1.0, "loss": 3.0, "word": "x"},
-        {"step": 1, "loss": 2.0},
-        {"step": 1, "loss": 1.5, "on": True},
-    ]
-    whole = "".join(json.dumps(r) + "\n" for r in rows)
-    file.write_text(whole + '{"step": 2, "lo', encoding="utf-8")
-    assert read_curves(file) == {"loss": [(0, 3.0), (1, 1.5)]}
-    file.write_text('{"st\n' + whole, encoding="utf-8")
-    with pytest.raises(json.JSONDecodeError):
-        read_curves(file)
 
 
 def test_page_style_names_only_what_the_page_uses(page):
