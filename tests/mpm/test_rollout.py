@@ -265,7 +265,7 @@ def test_one_solver_a_thread_gives_the_same_bits():
 def test_waves_are_evaluated_once_a_frame(monkeypatch):
     """Those at the end of a frame are those at the beginning of the next: T + 1 evaluations of T frames, also with
     gradients, and another when a state is changed in place."""
-    from diffuphy.mpm import clock
+    from diffuphy.mpm.engine import clock
 
     count, waves = [], clock.waves
     monkeypatch.setattr(clock, "waves", lambda *a: (count.append(1), waves(*a))[1])
