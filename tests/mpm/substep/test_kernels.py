@@ -143,7 +143,8 @@ def test_the_default_scheme_compiles_for_cuda(elastic, real, compiled):
 @pytest.mark.parametrize("extras", [False, True], ids=["plain", "extras"])
 def test_every_scheme_compiles_for_cuda(extras, force, order, real, compiled):
     """All splines and forces, with all parts of the scheme and without, walls of both kinds, measured impulses."""
-    scheme = Scheme(order, force) if extras else Scheme(order, force, False, False, False, 0.0)
+    plain = {} if extras else {"half_kick": False, "mirror": False, "sharpen": False, "retain": 0.0}
+    scheme = Scheme(order=order, force=force, **plain)
     v = variant(real=real, scheme=scheme, walls=signature(WALLS), mirror=extras, measures=True, twice=True, body=extras)
     compiled([*forward(v), *backward(v), *of(make_gather(v))])
 
